@@ -56,8 +56,8 @@ EXCLUDED_NAMES = frozenset(
 )
 """Raw category names that are frequent in Matterport3D but never occur in the released files.
 
-Only equal names are excluded: the released files do list ``shower wall``, ``garage door`` and
-``doorway``.
+Objects with these names are not listed and do not hide others. Only equal names are excluded: the
+released files do list ``shower wall``, ``garage door`` and ``doorway``.
 """
 
 
@@ -68,8 +68,6 @@ class BoxSettings:
     max_distance: float = MAX_DISTANCE
     """Metres; objects whose centre is at least this far from the camera are not listed."""
     occlusion: Occlusion = "none"
-    excluded_names: frozenset[str] = EXCLUDED_NAMES
-    """Objects with these names are not listed and do not hide others."""
 
 
 Xywh: TypeAlias = Sequence[int]
@@ -79,18 +77,18 @@ ListedBoxes: TypeAlias = Mapping[int, Mapping[int, Xywh]]
 visible."""
 
 
-def exclude_names(house: House, settings: BoxSettings) -> House:
-    """Return the house without the objects that have excluded names."""
+def exclude_names(house: House) -> House:
+    """Return the house without the objects that have one of ``EXCLUDED_NAMES``."""
     return house.take(
-        np.array([name not in settings.excluded_names for name in house.names], dtype=np.bool_)
+        np.array([name not in EXCLUDED_NAMES for name in house.names], dtype=np.bool_)
     )
 
 
 def list_objects(house: House, position: FloatArray, settings: BoxSettings) -> ListedBoxes:
     """Return the objects listed at a viewpoint, in the order of object ids and views.
 
-    ``position``, shape (3,), is the camera's in the scan's frame, metres. The settings' names are
-    ignored here: all objects of the house may be listed, and may hide each other.
+    ``position``, shape (3,), is the camera's in the scan's frame, metres. Names are ignored here:
+    all objects of the house may be listed, and may hide each other.
     """
     near = house.take(_distances(house, position) < settings.max_distance)
     box, view, box_xywh = boxes_in_views(position, near.boxes)
@@ -337,7 +335,7 @@ def _build_scan(scan: Scan, *, folder: Path, settings: BoxSettings) -> ScanResul
     ]
     if isinstance(house, DatasetError) or found:
         return DatasetError(found)
-    graph, house = graphs.scans[scan.scan_id], exclude_names(house, settings)
+    graph, house = graphs.scans[scan.scan_id], exclude_names(house)
     listed = boxes = 0
     for viewpoint_id, position in zip(graph.viewpoint_ids, graph.position, strict=True):
         objects = list_objects(house, position, settings)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reverie_eval import DatasetError, ReverieEvalError, dataset
+from reverie_eval import DatasetError, ReverieEvalError
 from reverie_eval.dataset import (
     EXCLUDED_NAMES,
     BoxSettings,
@@ -104,18 +104,11 @@ def test_listed_without_boxes() -> None:
 
 def test_only_equal_names_are_excluded() -> None:
     house = furnished(*[(name, (0, 1, 0), 0.1) for name in NAMES])
-    assert exclude_names(house, BoxSettings()).names == ("vase", "shower wall", "", "table")
-    assert exclude_names(house, BoxSettings(excluded_names=frozenset({"vase", ""}))).names == (
-        "wall",
-        "shower wall",
-        "table",
-    )
+    assert exclude_names(house).names == ("vase", "shower wall", "", "table")
 
 
 def test_excluded_objects_hide_nothing() -> None:
-    house = exclude_names(
-        furnished(("wall", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1)), BoxSettings()
-    )
+    house = exclude_names(furnished(("wall", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1)))
     assert 12 in list_objects(house, EYE, BoxSettings(occlusion="paper"))[1]
 
 
@@ -364,47 +357,11 @@ def test_the_command(command: Run, built: dict[Occlusion, Path], tmp_path: Path)
 
 
 def test_options_of_the_command(command: Run, built: dict[Occlusion, Path], tmp_path: Path) -> None:
-    status, _, _ = command(
-        *("--max-distance", "1.5", "--scan", "DemoCottage"),
-        *("--exclude", "chair", "--exclude", "light switch"),
-    )
+    status, _, _ = command("--max-distance", "1.5", "--scan", "DemoCottage")
     listed, everything = listed_in(tmp_path / "out"), listed_in(built["none"])
     assert status == 0
     assert listed.items() < everything.items()
     assert {path.name.partition("_")[0] for path in (tmp_path / "out").iterdir()} == {"DemoCottage"}
-    names = {name for name, _ in listed.values()}
-    assert "picture" in names
-    assert not names & {"chair", "light switch"}
-
-
-@pytest.mark.parametrize(
-    ("words", "excluded"),
-    [
-        pytest.param([], EXCLUDED_NAMES, id="those that are never listed"),
-        pytest.param(["--exclude", "sofa"], {"sofa"}, id="one name"),
-        pytest.param(["--exclude", "sofa", "--exclude", "sun bed"], {"sofa", "sun bed"}, id="two"),
-        pytest.param(["--exclude-nothing"], set(), id="none"),
-    ],
-)
-def test_names_are_left_out_wherever_the_options_stand(
-    words: list[str],
-    excluded: set[str],
-    run: Run,
-    *,
-    demo_world: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rules: list[BoxSettings] = []
-
-    def build_boxes(scans: Any, folder: Path, asked: BoxSettings, **_: Any) -> build.BuiltBoxes:
-        rules.append(asked)
-        return build.BuiltBoxes(0, 0, 0)
-
-    monkeypatch.setattr(dataset, "build_boxes", build_boxes)
-    where = [str(demo_world / "houses"), str(demo_world / "connectivity")]
-    assert run("boxes", *words, *where, "-o", str(tmp_path / "out")).status == 0
-    assert rules == [BoxSettings(excluded_names=frozenset(excluded))]
 
 
 def test_scans_with_files_of_one_kind_are_named(
@@ -463,10 +420,6 @@ def test_missing_folders(run: Run, tmp_path: Path) -> None:
         (("--jobs", "0"), "0 is not in the range x>=1"),
         (("--jobs", "x"), "'x' is not a valid whole number"),
         (("--occlusion", "some"), "unknown value 'some'"),
-        (
-            ("--exclude", "wall", "--exclude-nothing"),
-            "give --exclude or --exclude-nothing, not both",
-        ),
     ],
 )
 def test_invalid_options(command: Run, words: tuple[str, ...], reason: str) -> None:

@@ -9,7 +9,7 @@ from typing import get_args
 import click
 
 from reverie_eval import DatasetError, GroundTruth, ReverieEvalError
-from reverie_eval.dataset import EXCLUDED_NAMES, MAX_DISTANCE, BoxSettings, Occlusion
+from reverie_eval.dataset import MAX_DISTANCE, BoxSettings, Occlusion
 from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
@@ -187,14 +187,6 @@ def describe(
     help="paper: remove boxes inside the box of a nearer object.",
 )
 @click.option(
-    "--exclude",
-    metavar="NAME",
-    multiple=True,
-    help="A raw category name to leave out, as often as needed.  [default: wall, door, ceiling, "
-    "floor and the others that the released files never list]",
-)
-@click.option("--exclude-nothing", is_flag=True, help="Leave out no name.")
-@click.option(
     "--scan",
     "scans",
     metavar="SCAN",
@@ -209,8 +201,6 @@ def boxes(
     output: Path,
     max_distance: float,
     occlusion: Occlusion,
-    exclude: Sequence[str],
-    exclude_nothing: bool,
     scans: Sequence[str],
     jobs: int | None,
 ) -> None:
@@ -221,17 +211,13 @@ def boxes(
     """
     from reverie_eval.dataset import build_boxes, find_scans
 
-    if exclude and exclude_nothing:
-        raise click.UsageError("give --exclude or --exclude-nothing, not both")
-    # An empty --exclude cannot be told from none, so leaving out nothing has an option of its own.
-    excluded = frozenset(exclude) if exclude or exclude_nothing else EXCLUDED_NAMES
     found = find_scans(houses, connectivity, list(scans) or None)
     for each in found.notes():
         note(each)
     built = build_boxes(
         found.complete,
         output,
-        BoxSettings(max_distance, occlusion, excluded),
+        BoxSettings(max_distance, occlusion),
         jobs=jobs or os.cpu_count() or 1,
         progress=with_progress,
     )

@@ -1,7 +1,6 @@
 """The login file: a token for each server the user is signed in to, readable by no one else."""
 
 import os
-import tempfile
 from pathlib import Path
 
 from platformdirs import user_config_path
@@ -9,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from typing_extensions import Self
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.files import is_private
+from reverie_eval.files import is_private, staged_file
 
 
 class LoginError(ReverieEvalError):
@@ -51,14 +50,8 @@ class Logins(BaseModel):
         """Write the file atomically."""
         path = login_path()
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        number, draft = tempfile.mkstemp(dir=path.parent)  # readable by no one else
-        try:
-            with os.fdopen(number, "w", encoding="utf-8") as file:
-                file.write(self.model_dump_json(indent=2) + "\n")
-            Path(draft).replace(path)
-        except OSError:
-            Path(draft).unlink(missing_ok=True)
-            raise
+        with staged_file(path, mode=0o600) as file:
+            file.write(f"{self.model_dump_json(indent=2)}\n".encode())
         return path
 
 

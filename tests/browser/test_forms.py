@@ -113,7 +113,6 @@ FORMS = [
     pytest.param(f"/splits/{OPEN}?text=a", None, ".filters form", id="of a board"),
     pytest.param(f"/episodes/{OPEN}", OWNER, "form.chooser", id="of episodes"),
     pytest.param("/desk/audit", ORGANISER, "form.seek", id="of the log"),
-    pytest.param("/desk/attempts", ORGANISER, "form.seek", id="of uploads"),
 ]
 
 

@@ -24,7 +24,7 @@ from reverie_eval.server.store.paging import Page
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
 ENTRIES_ON_A_PAGE = 50
-"""The number of rows on a page of the audit log or of uploads, which take more space."""
+"""The number of rows on a page of the audit log, which take more space."""
 _LONGEST_NUMBER = 10
 """Digits that may be more than a database can count."""
 _OURS = frozenset({"csrf_token", "confirmed"})

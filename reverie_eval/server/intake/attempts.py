@@ -99,9 +99,7 @@ def _record(server: ServerState, attempt: Handled) -> None:
         _LOGGER.exception("upload not recorded")
 
 
-def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[AttemptReport]:
-    """List uploads, the latest first; only those with an outcome, if one is given."""
+def list_attempts(session: Session, page: Page) -> Listed[AttemptReport]:
+    """List uploads, the latest first."""
     rows = select(Attempt)
-    if outcome:
-        rows = rows.where(Attempt.outcome == outcome)
     return list_page(session, rows, Attempt.id, page, Attempt.as_seen, newest_first=True)

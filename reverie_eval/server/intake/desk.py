@@ -29,12 +29,10 @@ from reverie_eval.server.intake import attempts, quotas, uploads
 from reverie_eval.server.intake.bulk import archive_of
 from reverie_eval.server.intake.emailed_files import submit_for_sender
 from reverie_eval.server.intake.pages import NOTHING, check_form
-from reverie_eval.server.store.paging import Page
 
 routes, pages = organiser_router(), APIRouter()
 
-EMAILED_FILES, QUOTAS = "/desk/emailed-files", "/desk/quotas"
-ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in attempts.FAILURES))
+EMAILED_FILES, QUOTAS, ATTEMPTS = "/desk/emailed-files", "/desk/quotas", "/desk/attempts"
 
 
 def draw_files(
@@ -178,22 +176,11 @@ def list_attempts(organiser: Organiser, paging: Paging) -> list[schemas.AttemptR
     return paging.read(organiser, attempts.list_attempts)
 
 
-@pages.get("/desk/attempts")
-def show_attempts(desk: Desk, cursor: forms.Cursor = None, outcome: forms.Sought = "") -> Response:
+@forms.shown_at(pages, ATTEMPTS, "attempts.html")
+def draw_attempts(desk: Call, reading: CallReading, _: forms.Typed) -> forms.Shown:
     """List uploads, the latest first."""
-    chosen = outcome if outcome in ALL_OUTCOMES else ""
-    with desk.reading() as reading:
-        return page(
-            reading,
-            "desk/attempts.html",
-            attempts=attempts.list_attempts(
-                reading.session, Page(forms.ENTRIES_ON_A_PAGE, cursor), chosen
-            ),
-            is_first=cursor is None,
-            outcome=chosen,
-            outcomes=ALL_OUTCOMES,
-            days=attempts.DAYS_KEPT,
-        )
+    shown = forms.page_at(desk, "attempts")
+    return {"attempts": attempts.list_attempts(reading.session, shown), "days": attempts.DAYS_KEPT}
 
 
 @routes.get(

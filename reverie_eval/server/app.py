@@ -9,8 +9,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from reverie_eval.server.http import middleware
-from reverie_eval.server.http.openapi import describe
-from reverie_eval.server.http.paging import known_query
+from reverie_eval.server.http.api import describe, known_query
 from reverie_eval.server.http.problems import add_error_handlers
 from reverie_eval.server.http.rendering import STATIC, StaticPages, fault_page
 from reverie_eval.server.http.runtime import RuntimeState

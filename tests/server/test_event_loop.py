@@ -22,9 +22,8 @@ from starlette.requests import Request
 from reverie_eval.server.audit.transactions import utc_now
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.home import guide_page as guide
-from reverie_eval.server.http import openapi, problems, rendering
-from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.http.exchange import begin
+from reverie_eval.server.http import api, problems, rendering
+from reverie_eval.server.http.callers import COOKIE, begin
 from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.intake import uploads
 from reverie_eval.server.intake.uploads import receive
@@ -99,7 +98,7 @@ SLOW = {
     "a refusal": Slow(problems, "_document", "/api/v1/me", 429, FLOODING),
     "a charset": Slow(rendering, "_page", "/guide", 400, headers={"Content-Type": LATIN}),
     "a fault": Slow(problems, "log_fault", "/guide/protocols", 500),
-    "the description": Slow(openapi, "get_openapi", "/api/v1/openapi.json", 200),
+    "the description": Slow(api, "get_openapi", "/api/v1/openapi.json", 200),
 }
 
 

@@ -29,7 +29,7 @@ from fixtures.servers import make_folder
 from reverie_eval.server import run
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
-from reverie_eval.server.http.exchange import begin, exchange_of
+from reverie_eval.server.http.callers import begin, exchange_of
 from reverie_eval.server.http.middleware import MOST_AT_ONCE, BodyLimits
 from reverie_eval.server.opening import acting
 from reverie_eval.server.run import listen

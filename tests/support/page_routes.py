@@ -7,7 +7,7 @@ from typing import NamedTuple
 from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 
-from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.api import API
 from reverie_eval.tasks import DEFAULT_TASK
 from tests.support.demo_site import (
     BOLD,

@@ -48,7 +48,7 @@ from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.explore import episodes
 from reverie_eval.server.http import middleware
-from reverie_eval.server.http.openapi import describe
+from reverie_eval.server.http.api import describe
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.opening import acting
 from reverie_eval.server.opening import open_server as open_state

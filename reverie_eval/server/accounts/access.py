@@ -19,9 +19,8 @@ from reverie_eval.server.accounts.tokens import accept_invitation
 from reverie_eval.server.audit.signing import list_keys
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http import callers
+from reverie_eval.server.http.api import API, file_reply, problems
 from reverie_eval.server.http.callers import Caller, CallReading, Server, Visitor
-from reverie_eval.server.http.exchange import API
-from reverie_eval.server.http.openapi import file_reply, problems
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with
 from reverie_eval.server.http.runtime import Runtime, RuntimeState

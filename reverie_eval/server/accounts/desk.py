@@ -25,6 +25,7 @@ from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.accounts import joining, people, people_files, personal_data, tokens
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http import desk as forms
+from reverie_eval.server.http.api import Number, Paging, organiser_router, problems
 from reverie_eval.server.http.callers import (
     Call,
     CallReading,
@@ -33,8 +34,6 @@ from reverie_eval.server.http.callers import (
     Posted,
     TokenHint,
 )
-from reverie_eval.server.http.openapi import organiser_router, problems
-from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import address_of_site, page
 from reverie_eval.server.identity import TOKEN_NAMES

@@ -26,9 +26,8 @@ from reverie_eval.server.boards.reported_files import as_printed, read_change
 from reverie_eval.server.boards.schedules import Schedules, Timetable, View
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http import desk as forms
+from reverie_eval.server.http.api import Number, Paging, organiser_router, problems
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName
-from reverie_eval.server.http.openapi import organiser_router, problems
-from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.messages.notices import current_notice, post_notice
 from reverie_eval.server.store.tables import Submission

@@ -22,8 +22,8 @@ from reverie_eval.server.boards.news import announcements, corrections_of, lates
 from reverie_eval.server.boards.query import LONGEST_SOUGHT, BoardQuery
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.http.api import Number
 from reverie_eval.server.http.callers import Server, Visitor
-from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.rendering import address_of_site, page, render
 from reverie_eval.server.scoring.boards import Board, without_version
 from reverie_eval.server.state import ServerState

@@ -10,10 +10,8 @@ from reverie_eval.schemas.service import Leaderboard, NewsReport
 from reverie_eval.server.boards import news
 from reverie_eval.server.boards.leaderboard import Rankings, as_csv, as_json
 from reverie_eval.server.boards.news import corrections_of
+from reverie_eval.server.http.api import API, TEXT, Paging, file_reply, problems
 from reverie_eval.server.http.callers import BoardName, Server, SplitName
-from reverie_eval.server.http.exchange import API
-from reverie_eval.server.http.openapi import TEXT, file_reply, problems
-from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.state import ServerState
 
 router = APIRouter(prefix=f"{API}/splits", tags=["splits"])

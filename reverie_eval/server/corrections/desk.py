@@ -16,9 +16,8 @@ from reverie_eval.server.audit.log import details_in_words, list_entries, list_r
 from reverie_eval.server.corrections.corrections import count_outdated, list_corrections
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots
 from reverie_eval.server.http import desk as forms
+from reverie_eval.server.http.api import Paging, organiser_router, problems
 from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted
-from reverie_eval.server.http.openapi import organiser_router, problems
-from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.store.damage import if_readable

@@ -18,10 +18,8 @@ from reverie_eval.server.boards.leaderboard import csv_of
 from reverie_eval.server.boards.routes import LEADERBOARD_CSV
 from reverie_eval.server.corrections import desk
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots, snapshot_of
+from reverie_eval.server.http.api import API, TEXT, Number, Paging, file_reply, problems
 from reverie_eval.server.http.callers import Server, SplitName, Visitor
-from reverie_eval.server.http.exchange import API
-from reverie_eval.server.http.openapi import TEXT, file_reply, problems
-from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.jobs import MINUTE, Job
 from reverie_eval.server.rooms import Room, Tab

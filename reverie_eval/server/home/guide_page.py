@@ -14,8 +14,8 @@ from reverie_eval.server.boards.rank_intervals import MOST_COMPARED
 from reverie_eval.server.boards.reviews import VERDICTS
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ERRORS, NotFoundError
+from reverie_eval.server.http.api import SUBMISSION
 from reverie_eval.server.http.callers import Call, Visitor
-from reverie_eval.server.http.openapi import SUBMISSION
 from reverie_eval.server.http.rendering import address_of_site, page
 from reverie_eval.server.identity import LIFETIME
 from reverie_eval.server.intake.attempts import DAYS_KEPT

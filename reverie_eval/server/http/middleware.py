@@ -27,8 +27,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server import errors
-from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
+from reverie_eval.server.http.callers import COOKIE, address_of, exchange_of, session_of, token_of
 from reverie_eval.server.scoring.contexts import SECONDS_TO_RETRY
 
 SMALL = 256 << 10

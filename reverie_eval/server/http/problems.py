@@ -20,9 +20,8 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.schemas.wire import unreadable_json, wrong_value
 from reverie_eval.server import errors
-from reverie_eval.server.http.callers import refusal_of
-from reverie_eval.server.http.exchange import exchange_of
-from reverie_eval.server.http.openapi import MEDIA_TYPE
+from reverie_eval.server.http.api import MEDIA_TYPE
+from reverie_eval.server.http.callers import exchange_of, refusal_of
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import is_full, is_unreachable
 from reverie_eval.server.store.uploads import DamagedUploadError, UploadsError

@@ -38,8 +38,8 @@ from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import InputClass, Method, ProblemDocument
 from reverie_eval.server import errors
-from reverie_eval.server.http.callers import CallReading, state_of, visit_of
-from reverie_eval.server.http.exchange import API, exchange_of
+from reverie_eval.server.http.api import API
+from reverie_eval.server.http.callers import CallReading, exchange_of, state_of, visit_of
 from reverie_eval.server.http.labels import name_fields, place_of
 from reverie_eval.server.identity import TOKEN_NAMES, Sessions, token_state
 from reverie_eval.server.messages.notices import NO_NOTICE, current_notice

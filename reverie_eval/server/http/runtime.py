@@ -25,7 +25,7 @@ from limits.strategies import FixedWindowRateLimiter
 from starlette.types import Scope
 
 from reverie_eval.server.errors import BusyError, TooManyError
-from reverie_eval.server.http.exchange import address_of, session_of, token_of
+from reverie_eval.server.http.callers import address_of, session_of, token_of
 from reverie_eval.server.http.middleware import site_of
 from reverie_eval.server.http.telemetry import Metrics
 from reverie_eval.server.jobs import Jobs

@@ -21,7 +21,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server.errors import NotSignedInError, TooManyError
-from reverie_eval.server.http.exchange import OK, Exchange, address_of, begin, token_of
+from reverie_eval.server.http.callers import OK, Exchange, address_of, begin, token_of
 from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
 from reverie_eval.server.identity import HINT_LENGTH, PREFIX

@@ -19,10 +19,16 @@ from reverie_eval.server.accounts import people
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http import desk as forms
-from reverie_eval.server.http.callers import Call, CallReading, Desk, Organiser, Posted, SplitName
-from reverie_eval.server.http.exchange import exchange_of
-from reverie_eval.server.http.openapi import BINARY, file_reply, organiser_router, problems
-from reverie_eval.server.http.paging import Paging
+from reverie_eval.server.http.api import BINARY, Paging, file_reply, organiser_router, problems
+from reverie_eval.server.http.callers import (
+    Call,
+    CallReading,
+    Desk,
+    Organiser,
+    Posted,
+    SplitName,
+    exchange_of,
+)
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.intake import attempts, quotas, uploads

@@ -38,8 +38,7 @@ from reverie_eval.server.boards.leaderboard import Rankings, ranks
 from reverie_eval.server.boards.reviews import is_disqualified, standing_reviews
 from reverie_eval.server.boards.schedules import Schedules, View
 from reverie_eval.server.errors import MalformedError, NotFoundError, RejectedFileError
-from reverie_eval.server.http.callers import Call, CallReading, Member, Posted, Visitor
-from reverie_eval.server.http.exchange import exchange_of
+from reverie_eval.server.http.callers import Call, CallReading, Member, Posted, Visitor, exchange_of
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page, see_other, show_faults_with
 from reverie_eval.server.http.runtime import ScoringTurn

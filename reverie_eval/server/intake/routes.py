@@ -12,10 +12,8 @@ from reverie_eval.reporting.scores import write_episodes
 from reverie_eval.schemas import service as schemas
 from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.server.boards.schedules import Schedules, View
+from reverie_eval.server.http.api import API, SUBMISSION, TEXT, Paging, file_reply, problems
 from reverie_eval.server.http.callers import Anybody, BoardName, Call, Caller, Server, SplitName
-from reverie_eval.server.http.exchange import API
-from reverie_eval.server.http.openapi import SUBMISSION, TEXT, file_reply, problems
-from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.runtime import ScoringTurn
 from reverie_eval.server.intake import uploads
 from reverie_eval.server.intake.intake import Intake

@@ -21,10 +21,9 @@ from starlette.datastructures import Headers
 from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.audit.transactions import Clock
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Caller, Organiser, Server
-from reverie_eval.server.http.exchange import Exchange, exchange_of
+from reverie_eval.server.http.api import BINARY, SUBMISSION
+from reverie_eval.server.http.callers import Caller, Exchange, Organiser, Server, exchange_of
 from reverie_eval.server.http.middleware import allow_body, is_multipart
-from reverie_eval.server.http.openapi import BINARY, SUBMISSION
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime, RuntimeState
 from reverie_eval.server.intake.intake import Intake

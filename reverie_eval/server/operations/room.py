@@ -19,8 +19,8 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import Snapshots
+from reverie_eval.server.http.api import TEXT, file_reply
 from reverie_eval.server.http.callers import Desk, Organiser
-from reverie_eval.server.http.openapi import TEXT, file_reply
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.telemetry import MEDIA_TYPE

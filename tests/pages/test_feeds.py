@@ -12,12 +12,12 @@ import pytest
 
 from reverie_eval.schemas.service import CorrectionReport, NewsReport
 from reverie_eval.server.boards.entries import Row
-from reverie_eval.server.boards.feed import (
-    Item,
-    items_of,
+from reverie_eval.server.boards.news import (
+    FeedItem,
     items_of_corrections,
     items_of_news,
-    latest,
+    items_of_results,
+    latest_items,
 )
 from reverie_eval.server.boards.reviews import PublishedReview
 from tests.support.acting import NOON, review
@@ -161,7 +161,7 @@ def test_what_a_result_is_called_and_where_it_is() -> None:
     paper = entry("Paper", submission_id=None, team_id=None)
     rows = Row(1, scored), Row(None, paper)
     ranking = ranking_of(*rows, apart=[Row(None, hidden)])
-    first = Item(
+    first = FeedItem(
         id=urn("published/cat"),
         at=NOON + SECOND,
         title="val_unseen: Cat, Anonymous",
@@ -169,7 +169,7 @@ def test_what_a_result_is_called_and_where_it_is() -> None:
         path="/submissions/cat",
         author="Anonymous",
     )
-    second = Item(
+    second = FeedItem(
         id=urn("published/walker"),
         at=NOON,
         title="val_unseen: Walker, Blue: RGSPL % 50.00",
@@ -177,9 +177,9 @@ def test_what_a_result_is_called_and_where_it_is() -> None:
         path="/submissions/walker",
         author="Blue",
     )
-    assert list(items_of(ranking)) == [first, second]
+    assert list(items_of_results(ranking)) == [first, second]
     strict = replace(demo_board(), name="strict")
-    items = items_of(replace(ranking, board=strict))
+    items = items_of_results(replace(ranking, board=strict))
     assert [each.id for each in items] == [
         urn("published/cat/strict"),
         urn("published/walker/strict"),
@@ -194,16 +194,16 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
     about = {"split": OPEN, "board": "strict", "signature": "new"}
     corrected = CorrectionReport(**about, created_at=at, reason="Targets.")
     strict = replace(demo_board(), name="strict")
-    _, *items = items_of(ranking_of(apart=[Row(None, judged)], board=strict))
+    _, *items = items_of_results(ranking_of(apart=[Row(None, judged)], board=strict))
     assert [*items, *items_of_corrections([strict], [corrected])] == [
-        Item(
+        FeedItem(
             id=urn("disqualified/walker/strict/2026-03-02T12:00:01+00:00"),
             at=at,
             title="val_unseen, strict: Walker, Blue: disqualified",
             text="trained on it",
             path="/submissions/walker",
         ),
-        Item(
+        FeedItem(
             id=urn("correction/val_unseen/strict/2026-03-02T12:00:01+00:00"),
             at=at,
             title="val_unseen, strict: results corrected",
@@ -213,7 +213,7 @@ def test_what_the_organiser_did_is_of_the_organiser() -> None:
     ]
     news = NewsReport(id=3, text="Soon over", created_at=at)
     assert list(items_of_news([news])) == [
-        Item(
+        FeedItem(
             id=urn("news/3/2026-03-02T12:00:01+00:00"),
             at=at,
             title="Soon over",
@@ -235,9 +235,9 @@ def test_a_feed_has_the_latest_fifty() -> None:
         )
         for age in range(51)
     ]
-    items = list(items_of(ranking_of(*rows)))
+    items = list(items_of_results(ranking_of(*rows)))
     assert [each.path for each in items[:50]] == [f"/submissions/m{age}" for age in range(50)]
     assert [each.text for each in items[50:]] == [f"R{age}" for age in range(50, 0, -1)]
-    same_time = [Item(id=name, at=NOON, title="", text="", path="/") for name in "bca"]
-    assert [each.id for each in latest(same_time)] == ["c", "b", "a"]
-    assert latest(items) == items[50:]
+    same_time = [FeedItem(id=name, at=NOON, title="", text="", path="/") for name in "bca"]
+    assert [each.id for each in latest_items(same_time)] == ["c", "b", "a"]
+    assert latest_items(items) == items[50:]

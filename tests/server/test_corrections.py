@@ -22,7 +22,7 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import EarlierResult, Envelope, Phase
 from reverie_eval.server.audit.log import audit_reports, entries
 from reverie_eval.server.audit.rows import mismatches
-from reverie_eval.server.boards.rank_intervals import cluster_sums
+from reverie_eval.server.boards.leaderboard import cluster_sums
 from reverie_eval.server.corrections.corrections import (
     Outcome,
     Outdated,

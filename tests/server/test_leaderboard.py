@@ -16,6 +16,7 @@ from reverie_eval.schemas.service import CorrectionReport
 from reverie_eval.server.boards.entries import Entry, Row
 from reverie_eval.server.boards.leaderboard import (
     Ranking,
+    RankInterval,
     as_csv,
     as_json,
     method_names,
@@ -23,7 +24,6 @@ from reverie_eval.server.boards.leaderboard import (
     ranks,
 )
 from reverie_eval.server.boards.query import Filter
-from reverie_eval.server.boards.rank_intervals import RankInterval
 from reverie_eval.server.boards.reviews import PublishedReview
 from reverie_eval.tasks import find_task
 from tests.support.acting import NOON

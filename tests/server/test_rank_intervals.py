@@ -16,10 +16,9 @@ from sqlalchemy import delete
 
 from reverie_eval import evaluate
 from reverie_eval.runner import run_agent
-from reverie_eval.server.boards import rank_intervals
+from reverie_eval.server.boards import leaderboard as leaderboards
 from reverie_eval.server.boards.entries import EntriesCache, Row
-from reverie_eval.server.boards.leaderboard import Rankings
-from reverie_eval.server.boards.rank_intervals import RankInterval, RankIntervals
+from reverie_eval.server.boards.leaderboard import Rankings, RankInterval, RankIntervals
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.store.tables import ClusterSums
 from tests.support.correcting import rescored
@@ -71,7 +70,7 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
     three: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state, came, calls = three.state, Event(), []
-    computed = rank_intervals._computed  # noqa: SLF001
+    computed = leaderboards._compare  # noqa: SLF001
 
     def computing(*about: Any) -> Any:
         calls.append(about)
@@ -84,7 +83,7 @@ def test_intervals_are_computed_once_for_all_who_ask_meanwhile(
         with state.database.reading() as session:
             return intervals.compute(session, state.board(OPEN), "rgspl", rows)
 
-    monkeypatch.setattr(rank_intervals, "_computed", computing)
+    monkeypatch.setattr(leaderboards, "_compare", computing)
     lock: Any = WatchedLock(came)
     intervals = RankIntervals(_lock=lock)
     with state.database.reading() as session:
@@ -180,9 +179,9 @@ def test_there_are_none_of_a_single_result_or_too_many(
     assert places(leaderboard(server)) == [("Good", None, None)]
     publish(server, GOOD + b"\n", "Again")
     assert sorted(places(leaderboard(server))) == [("Again", [1, 2], 1), ("Good", [1, 2], 1)]
-    monkeypatch.setattr(rank_intervals, "MOST_COMPARED", 2)
+    monkeypatch.setattr(leaderboards, "MOST_COMPARED", 2)
     assert leaderboard(server)[0]["rank_interval"] == [1, 2]
-    monkeypatch.setattr(rank_intervals, "MOST_COMPARED", 1)
+    monkeypatch.setattr(leaderboards, "MOST_COMPARED", 1)
     server.clock.turn(seconds=1)
     assert sorted(places(leaderboard(server))) == [("Again", None, None), ("Good", None, None)]
 

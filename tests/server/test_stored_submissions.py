@@ -13,7 +13,7 @@ from sqlalchemy import select
 
 from reverie_eval.schemas.service import EarlierResult, Method, ScoredSubmission, SubmissionChange
 from reverie_eval.server.audit.log import audit_reports, entries
-from reverie_eval.server.boards.rank_intervals import cluster_sums
+from reverie_eval.server.boards.leaderboard import cluster_sums
 from reverie_eval.server.boards.reviews import lift_review
 from reverie_eval.server.boards.schedules import View
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError

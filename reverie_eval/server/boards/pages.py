@@ -1,4 +1,7 @@
-"""Leaderboards, their charts and feeds, export for papers, and the public results of a team."""
+"""Leaderboards as pages and over the API, their charts, feeds and exports; a team's public results.
+
+Who asks for a leaderboard makes no difference, so over the API a token that ended is not refused.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,16 +17,24 @@ from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.service import METHOD_COSTS
-from reverie_eval.server.boards import feed
+from reverie_eval.schemas.service import Leaderboard, NewsReport
+from reverie_eval.server.boards import news
 from reverie_eval.server.boards.charts import chart_of, rank_chart, timeline_of, whole_timeline
 from reverie_eval.server.boards.entries import Entry, Row
-from reverie_eval.server.boards.leaderboard import Ranking, Rankings, as_bibtex, as_latex, sort_by
-from reverie_eval.server.boards.news import announcements, corrections_of, latest_news
+from reverie_eval.server.boards.leaderboard import (
+    Ranking,
+    Rankings,
+    as_bibtex,
+    as_csv,
+    as_json,
+    as_latex,
+    sort_by,
+)
 from reverie_eval.server.boards.query import LONGEST_SOUGHT, BoardQuery
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.api import Number
-from reverie_eval.server.http.callers import Server, Visitor
+from reverie_eval.server.http.api import API, TEXT, Number, Paging, file_reply, problems
+from reverie_eval.server.http.callers import BoardName, Server, SplitName, Visitor
 from reverie_eval.server.http.rendering import address_of_site, page, render
 from reverie_eval.server.scoring.boards import Board, without_version
 from reverie_eval.server.state import ServerState
@@ -40,8 +51,20 @@ _BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
 """When a feed without items was updated: Atom requires a time."""
 _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 """REVERIE's metrics of navigation in the order of its paper's tables; the others follow."""
+_SORTABLE = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
+"""The metrics of all tasks; a leaderboard has those of its own."""
+SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": _SORTABLE})]
+
+LEADERBOARD_CSV = (
+    "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
+)
+_OF_CSV = file_reply(
+    "text/csv", "malformed-request", "not-found", schema=TEXT, example=LEADERBOARD_CSV
+)
 
 router = APIRouter()
+routes = APIRouter(prefix=f"{API}/splits", tags=["splits"])
+news_routes = APIRouter(prefix=API, tags=["access"])
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Response])
 
@@ -157,7 +180,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Asked) -> Response:
             primary=ranking.board.primary.key,
             part=part,
             rows=part.rows,
-            announced=announcements(session, board, NEWS_SHOWN),
+            announced=news.announcements(session, board, NEWS_SHOWN),
             reviewed=[row for row in (*part.rows, *apart[:MOST_APART]) if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
             has_charts=bool(shown) and len(ranking.metrics) > 1,
@@ -214,12 +237,12 @@ def _feed(
     request: Request, server: ServerState, boards: Sequence[Board], path: str, title: str
 ) -> Response:
     with server.database.reading() as session:
-        items = [*feed.items_of_news(latest_news(session, feed.MOST_ITEMS))]
+        items = [*news.items_of_news(news.latest_news(session, news.MOST_ITEMS))]
         rankings = server.get(Rankings).rankings(session, boards)
         for ranking in rankings:
-            items += () if ranking is None else feed.items_of(ranking)
-        items += feed.items_of_corrections(boards, corrections_of(session, *boards))
-    shown = feed.latest(items)
+            items += () if ranking is None else news.items_of_results(ranking)
+        items += news.items_of_corrections(boards, news.corrections_of(session, *boards))
+    shown = news.latest_items(items)
     xml = render(
         "feed.atom",
         title=title,
@@ -398,3 +421,74 @@ def _of_team(ranking: Ranking, team_id: int) -> Sequence[TeamResults]:
     metrics = task.headline_metrics({key for row in rows for key in row.entry.scores})
     title = f"Best rank of {rows[0].entry.team} on {ranking.board.label}"
     return [TeamResults(ranking.board, rows, metrics, rank_chart(ranking, title, is_own))]
+
+
+@routes.get(
+    "/{split}/leaderboard",
+    response_model=Leaderboard,
+    responses=problems("malformed-request", "not-found"),
+)
+def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
+    """Rank the published submissions by a metric; by default the split's primary one.
+
+    Reported results are among the others, without a rank. Results that are disqualified, on another
+    version of the dataset, or scored under other rules are in `apart`.
+    """
+    return _as_json(server, metric, split)
+
+
+@routes.get(
+    "/{split}/leaderboard.csv",
+    response_class=Response,
+    responses=_OF_CSV,
+)
+def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
+    """Return the leaderboard as CSV."""
+    return _as_csv(server, metric, split)
+
+
+@routes.get(
+    "/{split}/boards/{board}/leaderboard",
+    response_model=Leaderboard,
+    responses=problems("malformed-request", "not-found"),
+)
+def show_named_leaderboard(
+    split: SplitName, board: BoardName, server: Server, metric: SortedBy = None
+) -> Response:
+    """Rank the submissions on another leaderboard of the split."""
+    return _as_json(server, metric, split, board)
+
+
+@routes.get(
+    "/{split}/boards/{board}/leaderboard.csv",
+    response_class=Response,
+    responses=_OF_CSV,
+)
+def download_named_leaderboard(
+    split: SplitName, board: BoardName, server: Server, metric: SortedBy = None
+) -> Response:
+    """Return another leaderboard of the split as CSV."""
+    return _as_csv(server, metric, split, board)
+
+
+def _as_json(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
+    board = server.board(split, name)
+    with server.database.reading() as session:
+        ranking = server.get(Rankings).detailed(session, board, metric)
+        corrections = news.corrections_of(session, board)
+    content = as_json(ranking, corrections, server.settings.organiser)
+    return Response(content, media_type="application/json")
+
+
+def _as_csv(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
+    board = server.board(split, name)
+    with server.database.reading() as session:
+        ranking = server.get(Rankings).detailed(session, board, metric)
+    return PlainTextResponse(as_csv(ranking), media_type="text/csv")
+
+
+@news_routes.get("/news")
+def show_news(server: Server, paging: Paging) -> list[NewsReport]:
+    """List the organiser's news, the latest first."""
+    with server.database.reading() as session:
+        return paging.reply(news.list_news(session, paging.page))

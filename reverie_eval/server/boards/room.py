@@ -5,7 +5,7 @@ from datetime import datetime
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.boards import desk, pages, routes
+from reverie_eval.server.boards import desk, pages
 from reverie_eval.server.boards.schedules import Schedules, notify_of_ends, untold_ends
 from reverie_eval.server.jobs import SOON, Job
 from reverie_eval.server.rooms import Room, Tab
@@ -31,7 +31,7 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 
 ROOM = Room(
-    routes=[routes.router, routes.public, desk.routes],
+    routes=[pages.routes, pages.news_routes, desk.routes],
     pages=[pages.router, desk.pages],
     jobs=jobs,
     desk=[

@@ -22,9 +22,8 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult, Receipt
 from reverie_eval.server.audit.signing import read_as
 from reverie_eval.server.audit.transactions import Transaction
-from reverie_eval.server.boards.leaderboard import ranks
+from reverie_eval.server.boards.leaderboard import Sums, cluster_sums, ranks, store_sums
 from reverie_eval.server.boards.news import corrections_of
-from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.intake.submissions import has_review
 from reverie_eval.server.scoring.boards import Board, find_board, without_version
 from reverie_eval.server.scoring.contexts import Context

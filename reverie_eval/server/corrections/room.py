@@ -15,7 +15,7 @@ from reverie_eval.reporting.service import headline_of
 from reverie_eval.schemas.service import Envelope, Snapshot, SnapshotEntry
 from reverie_eval.server.audit.signing import read_as
 from reverie_eval.server.boards.leaderboard import csv_of
-from reverie_eval.server.boards.routes import LEADERBOARD_CSV
+from reverie_eval.server.boards.pages import LEADERBOARD_CSV
 from reverie_eval.server.corrections import desk
 from reverie_eval.server.corrections.snapshots import Snapshots, list_snapshots, snapshot_of
 from reverie_eval.server.http.api import API, TEXT, Number, Paging, file_reply, problems

@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.audit.signing import list_keys
-from reverie_eval.server.boards.rank_intervals import MOST_COMPARED
+from reverie_eval.server.boards.leaderboard import MOST_COMPARED
 from reverie_eval.server.boards.reviews import VERDICTS
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ERRORS, NotFoundError

@@ -28,7 +28,7 @@ from reverie_eval.scoring import Scores
 from reverie_eval.server.audit.log import INSPECTED
 from reverie_eval.server.audit.transactions import Actor, Transaction, difference
 from reverie_eval.server.boards.entries import is_anonymous
-from reverie_eval.server.boards.rank_intervals import Sums, cluster_sums, store_sums
+from reverie_eval.server.boards.leaderboard import Sums, cluster_sums, store_sums
 from reverie_eval.server.boards.reviews import (
     any_submission,
     find_submission,

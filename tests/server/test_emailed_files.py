@@ -16,7 +16,7 @@ from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.errors import MalformedError, NotFoundError, RequestError
-from reverie_eval.server.intake.emailed_files import submit_for_sender
+from reverie_eval.server.intake.intake import submit_for_sender
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.scoring.boards import Board
 from tests.support.acting import NOON

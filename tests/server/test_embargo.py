@@ -12,7 +12,7 @@ from reverie_eval.schemas.organising import EmailedFile
 from reverie_eval.schemas.service import Envelope, Method, Phase
 from reverie_eval.server.boards.reviews import any_submission
 from reverie_eval.server.boards.schedules import Schedules, View
-from reverie_eval.server.intake.emailed_files import submit_for_sender
+from reverie_eval.server.intake.intake import submit_for_sender
 from reverie_eval.server.intake.submissions import publication
 from reverie_eval.server.settings import Split
 from reverie_eval.server.state import Reading

@@ -33,7 +33,7 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.rendering import page
 from reverie_eval.server.intake import attempts, quotas, uploads
 from reverie_eval.server.intake.bulk import archive_of
-from reverie_eval.server.intake.emailed_files import submit_for_sender
+from reverie_eval.server.intake.intake import submit_for_sender
 from reverie_eval.server.intake.pages import NOTHING, check_form
 
 routes, pages = organiser_router(), APIRouter()

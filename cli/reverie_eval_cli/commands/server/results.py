@@ -72,7 +72,7 @@ def submit(
     Exit status: 0 all were scored, 1 some were refused, 2 usage or system error.
     """
     from reverie_eval.server.errors import RequestError
-    from reverie_eval.server.intake.emailed_files import submit_for_sender
+    from reverie_eval.server.intake.intake import submit_for_sender
 
     file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish

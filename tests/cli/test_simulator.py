@@ -1,6 +1,7 @@
 """``reverie-eval simulator``: code that says ``import MatterSim`` runs."""
 
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,19 @@ def test_another_file_of_that_name_stays(
     assert (tmp_path / "MatterSim.py").read_text() == "mine"
     assert main(["simulator", "--copy", str(tmp_path / "nowhere")]) == 2
     assert "is not a folder" in capsys.readouterr().err
+
+
+def test_on_a_full_disk_no_half_of_the_file_is_left(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "reverie_eval_cli", "simulator", "--copy", str(tmp_path)],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr == f"reverie-eval: {tmp_path / 'MatterSim.py'}: File too large\n"
+    assert done.returncode == 2
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("words", [[], ["--path", "--copy", "."]])

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from reverie_eval import ReverieEvalError
+from reverie_eval.files import staged_file
 from reverie_eval_cli import options
 from reverie_eval_cli.output import show
 
@@ -109,5 +110,6 @@ def simulator(*, path: bool, folder: Path | None) -> None:
     # A changed copy may be somebody's work.
     if copy.exists() and copy.read_bytes() != content:
         raise ReverieEvalError(f"{copy} exists and is another file; remove it first")
-    copy.write_bytes(content)
+    with staged_file(copy) as file:
+        file.write(content)
     click.echo(copy)

@@ -260,14 +260,14 @@ def test_a_python_that_is_too_old_scores_by_the_command(folder: Path) -> None:
 
 
 def test_each_task_of_a_job_array_scores_a_file(folder: Path) -> None:
-    runs = folder / "runs"
+    runs = folder / "my runs"
     runs.mkdir()
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     for name in ("good", "mediocre"):
         shutil.copy(SAMPLES / f"{name}.json", runs)
     for task, name in enumerate(("good", "mediocre")):
         subprocess.run(
-            ["bash", "score_each.sbatch", "runs/*.json", "val_unseen"],
+            ["bash", "score_each.sbatch", "my runs/*.json", "val_unseen"],
             cwd=folder,
             env={**os.environ, "PATH": path, "SLURM_ARRAY_TASK_ID": str(task)},
             check=True,

@@ -464,6 +464,11 @@ def _load(path: Path, split: str, task: Task) -> GroundTruth:
     if splits:
         where = "the demo world" if is_demo else path
         raise GroundTruthError(f"{where} has no split {split!r}{did_you_mean(split, splits)}")
+    if others := [each for each in BUILT_IN if bundled_splits(path / each)]:
+        raise GroundTruthError(
+            f"{path} has no bundles of {task.title}, only of other tasks: {', '.join(others)}; "
+            "choose one of these tasks, or another folder"
+        )
     name, dataset = bundle_name(split, public=False), shlex.quote(str(path))
     raise GroundTruthError(
         f"there are no bundles in {path}; if it is the dataset itself, run `reverie-eval "

@@ -510,6 +510,13 @@ Place = Callable[[Path], Path]
             id="folder without bundles",
         ),
         pytest.param(
+            lambda bundles: _of_other_tasks(bundles.parent),
+            SPLIT,
+            "{place} has no bundles of REVERIE, only of other tasks: r2r, rxr; choose one of these "
+            "tasks, or another folder",
+            id="folder with bundles of other tasks",
+        ),
+        pytest.param(
             lambda _: DEMO_BUNDLES,
             "val",
             "the demo world has no split 'val'; choose one of: test, train, val_seen, val_unseen",
@@ -523,6 +530,14 @@ def test_a_ground_truth_that_cannot_be_found(
     with pytest.raises(GroundTruthError) as error:
         find_ground_truth(place(bundles), split)
     assert str(error.value) == message.format(place=place(bundles))
+
+
+def _of_other_tasks(parent: Path) -> Path:
+    folder = parent / "sisters"
+    for task in ("rxr", "r2r"):
+        (folder / task).mkdir(parents=True, exist_ok=True)
+        (folder / task / f"{SPLIT}.npz").touch()
+    return folder
 
 
 def test_a_loaded_ground_truth_of_another_split(demo: GroundTruth) -> None:

@@ -35,6 +35,7 @@ from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.processes import Progress
 from reverie_eval.tasks import DEFAULT_TASK, KNOWN_SPLITS, Annotation, Task, find_task
+from reverie_eval.text import first_few
 
 _ALL_BOXES = "BBoxes.json"
 _CONNECTIVITY = "_connectivity.json"
@@ -116,8 +117,7 @@ class DatasetFiles:
             Problem(
                 "missing-input",
                 str(path or kind),
-                f"no {kind} found; give a clone of the dataset repository, or the path with "
-                f"--{kind}",
+                f"no {kind} found; {_remedy(kind, path)}",
             )
             for kind, path in needed.items()
             if not (path and path.exists())
@@ -129,6 +129,16 @@ class DatasetFiles:
         splits = _annotations(data, annotations, split, of_task)
         boxes = boxes if of_task.has_targets else None
         return cls(splits, boxes, connectivity, object_positions, of_task)
+
+
+def _remedy(kind: str, path: Path | None) -> str:
+    """Return what to do about a file or folder that does not exist."""
+    # Someone who has the folder lacks a file of it, or has it under another name.
+    if kind == "annotations" and path and path.parent.is_dir():
+        names = sorted(each.name for each in path.parent.iterdir() if ".json" in each.suffixes)
+        if names:
+            return f"the folder has {first_few(names)}; name the file with --annotations"
+    return f"give a clone of the dataset repository, or the path with --{kind}"
 
 
 def find_graphs(connectivity: Path, scans: Collection[str] | None = None) -> Mapping[str, Path]:

@@ -459,7 +459,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             lambda world: (world / ANNOTATIONS).unlink(),
             "missing-input",
             ANNOTATIONS,
-            "give a clone of the dataset repository, or the path with --annotations",
+            "the folder has REVERIE_test.json, REVERIE_train.json, REVERIE_val_seen.json; name",
             id="no annotations",
         ),
         pytest.param(

@@ -98,6 +98,11 @@ def test_files_at_other_paths(run: Run) -> None:
     ("words", "reasons"),
     [
         pytest.param(["nowhere"], ["REVERIE_*.json", "BBox", "nowhere/connectivity"], id="all"),
+        pytest.param(
+            ["--annotations", "connectivity"],
+            ["the folder has flat_connectivity.json; name the file with --annotations"],
+            id="another folder",
+        ),
         pytest.param([".", "--boxes", "nowhere"], ["nowhere: no boxes found"], id="boxes"),
         pytest.param(
             [".", "--annotations", "connectivity"],

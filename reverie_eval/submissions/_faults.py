@@ -282,7 +282,7 @@ def _joined(found: Sequence[Problem]) -> Sequence[Problem]:
 
 DIFFERENCES: Mapping[str, str] = MappingProxyType(
     {
-        "keyed": "{:,} records keyed by their instr_id",
+        "keyed": "{:,} records keyed by their id",
         "prefixed": '{:,} instr_ids with the prefix "reverie_"',
         "hops": "{:,} trajectories of nested hops",
         "long hops": "{:,} hops with more than one viewpoint, every viewpoint counted",

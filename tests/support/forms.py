@@ -210,7 +210,7 @@ FORMS: Mapping[str, Form] = MappingProxyType(
             no_answer,
             document=keyed,
             read_as=(
-                f"{_RECORDS} records keyed by their instr_id",
+                f"{_RECORDS} records keyed by their id",
                 f"{_RECORDS} records, none with an answer: navigation only",
             ),
         ),
@@ -218,7 +218,7 @@ FORMS: Mapping[str, Form] = MappingProxyType(
             poses,
             written("predObjId", int, -1),
             document=keyed,
-            read_as=(f"{_RECORDS} records keyed by their instr_id",),
+            read_as=(f"{_RECORDS} records keyed by their id",),
         ),
         "keyed, ids nowhere else": Form(
             poses,
@@ -230,7 +230,7 @@ FORMS: Mapping[str, Form] = MappingProxyType(
                 for record in records
             },
             read_as=(
-                f"{_RECORDS} records keyed by their instr_id",
+                f"{_RECORDS} records keyed by their id",
                 _OTHER_KEY,
                 _TEXT,
                 _ABSTAIN,

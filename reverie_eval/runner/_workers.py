@@ -17,6 +17,7 @@ from reverie_eval.processes import starting_processes
 from reverie_eval.runner._walking import Job, Rows, RunPlan, Take, Walker
 from reverie_eval.scoring import Executor
 from reverie_eval.simulator import Environment
+from reverie_eval.text import first_few
 
 # What a worker sends beside rows and errors: it asks for an attempt to make, or has none left.
 _TAKE, _END = "take", "end"
@@ -38,7 +39,7 @@ def walk_in_workers(
     Raises
     ------
     RunError
-        If a worker was killed.
+        If a worker was killed, or the agent ended it.
     """
     # Not the pool of `reverie_eval.processes`: that gives back results, in order and at the end,
     # where each step has to be on disk when it is made.
@@ -57,11 +58,6 @@ def walk_in_workers(
                 processes.append(process)
                 there.close()  # so that reading fails once its process has ended
         yield from _serve([here for here, _ in pipes], take)
-    except (EOFError, ConnectionError):
-        raise RunError(
-            "a worker was killed while it ran an episode, perhaps for lack of memory; try fewer "
-            "--jobs"
-        ) from None
     finally:
         for here, _ in pipes:
             here.close()
@@ -72,20 +68,37 @@ def walk_in_workers(
 
 def _serve(workers: Sequence[Connection], take: Take) -> Rows:
     """Give workers what they ask for, until they have ended."""
-    working = list(workers)
+    # The episodes that each of them has begun.
+    working = {worker: list[str]() for worker in workers}
     while working:
-        ready = wait(working)
-        for worker in [each for each in working if each in ready]:
-            message: Step | Attempt | ReverieEvalError | str = worker.recv()
-            if isinstance(message, ReverieEvalError):
-                raise message
-            if message == _END:
-                working.remove(worker)
-            elif isinstance(message, str):
-                worker.send(take())
-            else:
-                yield message
-                worker.send(None)  # nothing more is paid for until this is on disk
+        ready = wait(list(working))
+        for worker, begun in [each for each in working.items() if each[0] in ready]:
+            try:
+                message: Step | Attempt | ReverieEvalError | str = worker.recv()
+                if isinstance(message, ReverieEvalError):
+                    raise message
+                if message == _END:
+                    del working[worker]
+                elif isinstance(message, str):
+                    job = take()
+                    if job:
+                        begun.append(job.episode)
+                    worker.send(job)
+                else:
+                    if isinstance(message, Attempt):
+                        begun.remove(message.episode)
+                    yield message
+                    worker.send(None)  # nothing more is paid for until this is on disk
+            except (EOFError, ConnectionError):
+                raise RunError(_why_ended(begun)) from None
+
+
+def _why_ended(begun: Sequence[str]) -> str:
+    during = f" while it ran {first_few(begun)}" if begun else ""
+    return (
+        f"a worker ended{during}: it was killed, perhaps for lack of memory (then try fewer "
+        "--jobs), or the agent ended the process"
+    )
 
 
 def _work(plan: RunPlan, connection: Connection, environment: Environment | None = None) -> None:

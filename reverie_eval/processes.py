@@ -1,5 +1,7 @@
 """Work on many things, in several processes, and how far it is."""
 
+import fcntl
+import os
 import signal
 import sys
 import typing
@@ -8,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.errors import ReverieEvalError, RunError
 
 T = TypeVar("T")
 Argument = TypeVar("Argument")
@@ -30,6 +32,30 @@ def can_start_processes() -> bool:
     if script.name == "<stdin>":
         return False
     return not script.is_file() or b"__name__" in script.read_bytes()
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[int]:
+    """Keep other processes out of a folder, and yield its descriptor.
+
+    The lock ends with the process, also if that is killed.
+
+    Raises
+    ------
+    RunError
+        If another process is running in the folder.
+    OSError
+        If it cannot be opened.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunError(f"{folder}: another process is running there") from None
+        yield descriptor
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

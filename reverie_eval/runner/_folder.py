@@ -4,7 +4,6 @@ The card has the run's identity and circumstances; the logs have a line for each
 """
 
 import ast
-import fcntl
 import inspect
 import os
 import re
@@ -35,6 +34,7 @@ from reverie_eval.logs import (
     read_steps,
     total_usage,
 )
+from reverie_eval.processes import locked_folder
 from reverie_eval.text import count_text, first_few, short_digest
 
 _LOGS = (EPISODES, STEPS)
@@ -303,11 +303,7 @@ class RunFolder:
             raise
 
     def _begin(self, circumstance: Circumstance) -> None:
-        folder = self._open(self.path, os.O_RDONLY)
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise RunError(f"{self.path}: another process is running there") from None
+        folder = self._opened.enter_context(locked_folder(self.path))
         card = read_card(self.path)
         self._circumstances = [*(card.circumstances if card else ()), circumstance]
         self._check_files(card)

@@ -19,7 +19,7 @@ from reverie_eval.agents.trained import _recipes as recipes
 from reverie_eval.agents.trained import _training as training
 from reverie_eval.agents.trained._agent import WalkingAgent
 from reverie_eval.dataset import DatasetFiles
-from reverie_eval.errors import ReverieEvalError
+from reverie_eval.errors import ReverieEvalError, RunError
 from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.runner import RunPlan, read_steps
 from reverie_eval.runner import run as run_plan
@@ -74,6 +74,25 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
     assert train(plan, folder) == card  # nothing is left to do
     with pytest.raises(ReverieEvalError, match="another training, with other seed; choose"):
         train(TrainingPlan("mattnet", files, seed=1), folder)
+
+
+def test_one_process_at_a_time_trains_in_a_folder(files: DatasetFiles, tmp_path: Path) -> None:
+    def train_again(*_: object) -> None:
+        with pytest.raises(RunError, match="model: another process is running there"):
+            train(plan, folder)
+
+    plan, folder = TrainingPlan("mattnet", files), tmp_path / "model"
+    train(plan, folder, train_again)
+    train(plan, folder)
+
+
+def test_a_file_in_place_of_the_folder_is_refused(files: DatasetFiles, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.touch()
+    with pytest.raises(
+        ReverieEvalError, match="is a file; a model needs a folder, such as models/mine"
+    ):
+        train(TrainingPlan("mattnet", files), file)
 
 
 def test_an_interruption_in_the_first_epoch_leaves_folders_as_they_were(

@@ -40,6 +40,7 @@ from reverie_eval.dataset import DatasetFiles, compile_for_training, scans_of
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import made_folder, staged_file
 from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.processes import locked_folder
 from reverie_eval.version import __version__
 
 BATCH_SIZE = 64
@@ -88,10 +89,15 @@ def train(
     Raises
     ------
     ReverieEvalError
-        If there is no such recipe, option or pointer, or the folder has something else.
+        If there is no such recipe, option or pointer, if the folder has something else, or if
+        another process is training in it.
     DatasetError
         If the dataset's files cannot be compiled.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ReverieEvalError(
+            f"{folder} is a file; a model needs a folder, such as models/{folder.stem}"
+        )
     set_threads()
     recipe = find_recipe(plan.name, plan.options)
     pointer = None if plan.pointer is None else LoadedPointer(plan.pointer / MODEL)
@@ -125,7 +131,7 @@ def train(
         remembered=coder.remembered,
     )
     files = _Files(folder)
-    with made_folder(folder):
+    with made_folder(folder), locked_folder(folder):
         if (done := files.finished(card)) is not None:
             return done
         torch.manual_seed(plan.seed)

@@ -75,7 +75,9 @@ def _checked(viewpoints: object) -> int:
     """Return a number of viewpoints to visit, which a command may have been given as anything."""
     if isinstance(viewpoints, int) and viewpoints >= 1:
         return viewpoints
-    raise ReverieEvalError(f"viewpoints is a whole number from 1, not {viewpoints!r}")
+    raise ReverieEvalError(
+        f"option viewpoints must be a whole number, at least 1, got {viewpoints!r}"
+    )
 
 
 class Explored:

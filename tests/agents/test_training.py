@@ -141,11 +141,13 @@ def test_training_ends_six_epochs_after_the_best(
     [
         pytest.param("r2r-tff", {}, "no agent 'r2r-tff' to train; did you mean r2r-tf", id="name"),
         pytest.param("r2r-tf", {"name": True}, "no option 'name'; did you mean names", id="option"),
-        pytest.param("r2r-tf", {"names": 3}, "names is true or false, not 3", id="value"),
+        pytest.param("r2r-tf", {"names": 3}, "names must be true or false, got 3", id="value"),
         pytest.param(
             "mattnet", {"names": True}, "no option 'names'; choose one of: size", id="a pointer's"
         ),
-        pytest.param("mattnet", {"size": 7}, "size is an even number from 2, not 7", id="size"),
+        pytest.param(
+            "mattnet", {"size": 7}, "size must be an even number, at least 2, got 7", id="size"
+        ),
         pytest.param("interactive", {}, "interactive asks a pointer: train one", id="pointer"),
     ],
 )

@@ -122,10 +122,10 @@ def test_an_agent_is_found(
             id="one missing",
         ),
         pytest.param(
-            "nearest-first", {"viewpoints": "a"}, "a whole number from 1, not 'a'", id="a word"
+            "nearest-first", {"viewpoints": "a"}, "a whole number, at least 1, got 'a'", id="a word"
         ),
         pytest.param(
-            "word-match", {"viewpoints": 0}, "a whole number from 1, not 0", id="too small"
+            "word-match", {"viewpoints": 0}, "a whole number, at least 1, got 0", id="too small"
         ),
         pytest.param(
             "my_agents:Failing",

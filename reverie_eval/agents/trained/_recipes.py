@@ -70,11 +70,11 @@ class Recipe:
                 raise ReverieEvalError(f"there is no option {name!r}{did_you_mean(name, known)}")
             if name in inputs:
                 if type(value) is not bool:
-                    raise ReverieEvalError(f"option {name} is true or false, not {value!r}")
+                    raise ReverieEvalError(f"option {name} must be true or false, got {value!r}")
             elif type(value) is not int or value < _LEAST[name] or value % _LEAST[name]:
                 kind = "an even number" if name == "size" else "a whole number"
                 raise ReverieEvalError(
-                    f"option {name} is {kind} from {_LEAST[name]}, not {value!r}"
+                    f"option {name} must be {kind}, at least {_LEAST[name]}, got {value!r}"
                 )
         own = {name: value for name, value in options.items() if name in _LEAST}
         its = {name: value for name, value in options.items() if name in inputs}

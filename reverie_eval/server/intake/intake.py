@@ -35,7 +35,7 @@ from reverie_eval.schemas.service import (
 from reverie_eval.server.accounts.people import person_named
 from reverie_eval.server.audit.log import SERVER, row_name
 from reverie_eval.server.audit.transactions import Actor, Transaction
-from reverie_eval.server.boards.schedules import Schedules, View
+from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.errors import ConflictError, MalformedError, NotOpenError, request_error
 from reverie_eval.server.intake.attempts import FAILURES, recording
 from reverie_eval.server.intake.quotas import check_quota, usage_of
@@ -44,7 +44,7 @@ from reverie_eval.server.messages.notices import current_notice
 from reverie_eval.server.messages.queue import notify
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.scoring.contexts import Read, check_file, open_file, score_file
-from reverie_eval.server.state import Reading, ServerState
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import (
     IS_SHOWN,
     SAME_FILE,
@@ -289,8 +289,8 @@ class Intake:
         return Accepted(submission=submission, quota=quota, is_repeat=True, ignored=ignored)
 
     def _worded(self, session: Session, row: Submission) -> ScoredSubmission:
-        reading = Reading(self.server, session, self.server.clock())
-        return View.of(reading).report(row)
+        now = self.server.clock()
+        return self.server.get(SubmissionService).view(session, now).report(row)
 
     def _check_paused(self, notice: NoticeReport, board: Board, schedule: Schedule) -> None:
         why = f": {notice.banner}" if notice.banner else ""

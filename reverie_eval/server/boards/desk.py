@@ -11,8 +11,7 @@ from datetime import datetime
 from functools import partial
 from typing import Annotated, Any, get_args
 
-from fastapi import APIRouter, Query
-from fastapi.responses import Response
+from fastapi import APIRouter, Query, Response
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE

@@ -10,8 +10,8 @@ from math import ceil
 from typing import Annotated, Literal, NamedTuple, Self, TypeVar
 
 import msgspec
-from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import PlainTextResponse, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi.responses import PlainTextResponse
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 

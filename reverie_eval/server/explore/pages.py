@@ -7,8 +7,7 @@ from typing import Annotated, Any
 from urllib.parse import quote, urlencode
 
 import numpy as np
-from fastapi import APIRouter, Depends, Query
-from fastapi.responses import Response
+from fastapi import APIRouter, Depends, Query, Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import Episode, WalkOutcomes

@@ -15,8 +15,7 @@ from urllib.parse import quote, urlencode
 
 import msgspec
 import numpy as np
-from fastapi import APIRouter, Depends, Path, Query
-from fastapi.responses import Response
+from fastapi import APIRouter, Depends, Path, Query, Response
 
 from reverie_eval.analysis import Episode, VisibleObject
 from reverie_eval.arrays import FloatArray

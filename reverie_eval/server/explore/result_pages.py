@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Self, TypeAlias
 
 import numpy as np
-from fastapi import APIRouter, Query
-from fastapi.responses import Response
+from fastapi import APIRouter, Query, Response
 from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
 

@@ -4,8 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from fastapi import APIRouter
-from fastapi.responses import Response
+from fastapi import APIRouter, Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.metrics import CATALOGUE

@@ -10,8 +10,7 @@ from datetime import date
 from functools import wraps
 from typing import Annotated, Any, TypeAlias
 
-from fastapi import APIRouter, Query
-from fastapi.responses import Response
+from fastapi import APIRouter, Query, Response
 from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.service import ProblemDocument

@@ -19,9 +19,8 @@ from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import Response
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 

@@ -144,11 +144,10 @@ def submit(
     *,
     counted: uploads.Counted,
     split: SplitName,
-    person: uploads.Sender,
+    caller: Caller,
     file: uploads.Received,
     method: uploads.SentMethod,
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
-    server: Server,
     response: Response,
 ) -> schemas.Accepted:
     """Score an upload and return its scores, its receipt and the submissions left.
@@ -156,8 +155,8 @@ def submit(
     Describe the method in the query, or in fields of the form. Uploading the same file again, or
     using the same Idempotency-Key, returns the first result with status 200 and uses no submission.
     """
-    accepted = server.get(Intake).submit(
-        person, split, file.packed, method, idempotency_key, arrived=file.arrived
+    accepted = caller.server.get(Intake).submit(
+        caller.person(), split, file.packed, method, idempotency_key, arrived=file.arrived
     )
     counted.note(accepted)
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
@@ -169,14 +168,12 @@ def submit(
     responses=problems(*uploads.OF_FILES),
     openapi_extra={**uploads.FILE_BODY, "parameters": uploads.METHOD_PARAMETERS},
 )
-def validate(
-    split: SplitName, person: uploads.Sender, file: uploads.Received, server: Server
-) -> schemas.Checked:
+def validate(split: SplitName, caller: Caller, file: uploads.Received) -> schemas.Checked:
     """Check a file as for scoring; nothing is stored, and no submission is used.
 
     The solution is not used. The parameters are those of an upload; the method is ignored.
     """
-    return server.get(Intake).validate(person, split, file.packed)
+    return caller.server.get(Intake).validate(caller.person(), split, file.packed)
 
 
 def _reports(call: Call, boards: Collection[Board]) -> list[schemas.SplitReport]:

@@ -231,19 +231,12 @@ async def incoming(request: Request, server: Server, runtime: Runtime) -> Incomi
 Arriving = Annotated[Incoming, Depends(incoming)]
 
 
-async def sender(_: Arriving, caller: Caller) -> Person:
-    """Return the sender of an upload, before the upload is read."""
-    return await run_in_threadpool(caller.person)
-
-
-Sender = Annotated[Person, Depends(sender)]
-
-
-async def received(upload: Arriving, person: Sender) -> AsyncIterator[ReceivedFile]:
+async def received(upload: Arriving, caller: Caller) -> AsyncIterator[ReceivedFile]:
     """Read the upload when the sender is known and a place is free, and wait for a process.
 
-    From here on, every problem document includes the submissions left.
+    As soon as the sender is known, every problem document includes the submissions left.
     """
+    person = await run_in_threadpool(caller.person)
     server, split = upload.server, upload.request.path_params["split"]
 
     def quota_left() -> QuotaReport:

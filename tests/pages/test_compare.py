@@ -17,7 +17,7 @@ from reverie_eval.reporting.comparisons import signed
 from reverie_eval.schemas.service import Phase
 from reverie_eval.server.boards.leaderboard import Rankings
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.explore.result_pages import ComparedPair, compare_results
+from reverie_eval.server.explore.results_page import ComparedPair, compare_results
 from reverie_eval.server.intake.submissions import SubmissionService
 from reverie_eval.server.scoring.boards import Board
 from reverie_eval.server.store.tables import Submission

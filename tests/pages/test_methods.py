@@ -15,9 +15,9 @@ import reverie_eval as rv
 from reverie_eval.analysis import WalkOutcomes, find_grouping
 from reverie_eval.reporting.report_sections import Breakdown, GroupRow
 from reverie_eval.server.app import jobs_of
-from reverie_eval.server.explore import result_pages
+from reverie_eval.server.explore import results_page
 from reverie_eval.server.explore.episodes import EpisodeService
-from reverie_eval.server.explore.result_pages import Analysis
+from reverie_eval.server.explore.results_page import Analysis
 from reverie_eval.server.explore.side_by_side import (
     DIFFICULTIES,
     MOST_AWAITED,
@@ -191,9 +191,9 @@ def test_nobody_waits_for_the_analysis_of_many_episodes(
 ) -> None:
     episodes = len(server.state.boards[OPEN].truth.episodes.instr_ids)
     one, other = (publish(server, OWNER, GOOD.read_bytes() + b" " * each) for each in range(2))
-    monkeypatch.setattr(result_pages, "EPISODES_AWAITED", episodes)
+    monkeypatch.setattr(results_page, "EPISODES_AWAITED", episodes)
     assert "Strengths and weaknesses" in said(server.client.get(f"/submissions/{one}/analysis"))
-    monkeypatch.setattr(result_pages, "EPISODES_AWAITED", episodes - 1)
+    monkeypatch.setattr(results_page, "EPISODES_AWAITED", episodes - 1)
     page = f"/submissions/{other}/analysis"
     first = server.client.get(page)
     assert "The server is analysing this result." in said(first)

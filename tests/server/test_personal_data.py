@@ -21,7 +21,7 @@ from reverie_eval.server.accounts.personal_data import delete_person
 from reverie_eval.server.audit.log import entries
 from reverie_eval.server.audit.rows import mismatches
 from reverie_eval.server.errors import ConflictError
-from reverie_eval.server.intake.room import tidy
+from reverie_eval.server.intake.retention import tidy
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.store.tables import AuditEntry, BrowserSession, Message, Person, Token
 from tests.support.acting import NOON, add_person, ask_to_join, create_token

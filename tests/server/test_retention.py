@@ -7,7 +7,8 @@ from sqlalchemy import select
 
 from reverie_eval.server.audit.transactions import Transaction
 from reverie_eval.server.corrections.corrections import outdated, rescore_one
-from reverie_eval.server.intake.room import jobs, tidy
+from reverie_eval.server.intake.retention import tidy
+from reverie_eval.server.intake.room import jobs
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.store.tables import Submission

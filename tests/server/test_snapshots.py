@@ -20,7 +20,7 @@ from reverie_eval.server.audit.transactions import Transactions
 from reverie_eval.server.boards.schedules import Schedules
 from reverie_eval.server.corrections.snapshots import SnapshotError, Snapshots, snapshot_of
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.intake import room
+from reverie_eval.server.intake import retention
 from reverie_eval.server.intake.submissions import SubmissionService
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import revoke_key, rotate_key
@@ -475,7 +475,7 @@ def disqualify(server: Serving) -> None:
 def tidy(server: Serving) -> None:
     """Delete the file of a submission that nobody published."""
     assert server.upload(OWNER).status_code == 201
-    assert len(room.tidy(server.state, 0)) == 1
+    assert len(retention.tidy(server.state, 0)) == 1
 
 
 def inspect(server: Serving) -> None:

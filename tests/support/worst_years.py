@@ -25,7 +25,7 @@ from reverie_eval import GroundTruth
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.runner import run_agent
 from reverie_eval.server.app import create_app
-from reverie_eval.server.intake.room import tidy
+from reverie_eval.server.intake.retention import tidy
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings

@@ -14,7 +14,7 @@ from reverie_eval.reporting.answer_svg import answer_svg
 from reverie_eval.reporting.answers import AnswerView
 from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.server.explore import pages, play_page, result_pages
+from reverie_eval.server.explore import pages, play_page, results_page
 from reverie_eval.server.explore.episodes import Annotations, EpisodeService, Reference
 from reverie_eval.server.http.rendering import drawn
 from reverie_eval.server.jobs import Job
@@ -108,7 +108,7 @@ def jobs(server: ServerState) -> Iterable[Job]:
 
 
 ROOM = Room(
-    pages=[pages.router, result_pages.router, play_page.router],
+    pages=[pages.router, results_page.router, play_page.router],
     showcase=Showcase,
     jobs=jobs,
 )

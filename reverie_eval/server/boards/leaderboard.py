@@ -521,11 +521,11 @@ class Rankings:
 
         Raises the errors of :func:`leaderboard`.
         """
-        ranking = self.ranking(session, board, metric)
-        return replace(
-            ranking,
-            counts=self._entries.submissions_of_teams(session, board.split),
-            rank_intervals=self._rank_intervals.compute(
-                session, ranking.board, ranking.metric, ranking.rows
-            ),
-        )
+        ranking = self.with_rank_intervals(session, self.ranking(session, board, metric))
+        counts = self._entries.submissions_of_teams(session, ranking.board.split)
+        return replace(ranking, counts=counts)
+
+    def with_rank_intervals(self, session: Session, ranking: Ranking) -> Ranking:
+        """Add which ranks each result may have."""
+        found = self._rank_intervals.compute(session, ranking.board, ranking.metric, ranking.rows)
+        return replace(ranking, rank_intervals=found)

@@ -148,7 +148,7 @@ def show_analysis(submission_id: str, visitor: Visitor, _: ScoringTurn) -> Respo
         shown, has_episodes = _shown(reading, submission_id)
         server.get(SubmissionService).check_episodes(shown)
         board = find_board(server.boards, shown.split)
-        ranking = server.get(Rankings).detailed(reading.session, board)
+        ranking = _ranking(reading, board)
         analysis = _analysis(visitor, board, shown.sha256)
         if analysis is not None and not has_episodes:
             analysis = analysis.without_small_groups()
@@ -204,6 +204,11 @@ def _shown(reading: CallReading, submission_id: str) -> tuple[ScoredSubmission, 
     if report.scores_held_until is not None:
         raise NotFoundError("its scores are held back until the phase ends")
     return report, has_episodes
+
+
+def _ranking(reading: CallReading, board: Board) -> Ranking:
+    rankings = reading.server.get(Rankings)
+    return rankings.with_rank_intervals(reading.session, rankings.ranking(reading.session, board))
 
 
 def _neighbours(ranking: Ranking, submission_id: str) -> Sequence[Row]:

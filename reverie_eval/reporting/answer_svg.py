@@ -16,13 +16,7 @@ import numpy as np
 
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.arrays import Array, FloatArray
-from reverie_eval.geometry import (
-    VIEW_AXES,
-    Picture,
-    RoomView,
-    pixels_of,
-    view_angles,
-)
+from reverie_eval.geometry import Picture, RoomView, view_angles
 from reverie_eval.reporting.answers import (
     AnswerView,
     Span,
@@ -61,8 +55,6 @@ _LINE = 15.0
 _TINY = 0.8
 # Baselines of the highest and the lowest label, in units of the page.
 _HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
-# Directions whose depth is less than this fraction of their length are clipped.
-_MIN_DEPTH = 0.05
 
 Role = Literal["other", "target", "answer"]
 
@@ -502,14 +494,11 @@ def _on_floor(way: WayLink, picture: Picture) -> FloatArray | None:
     flat = way.metres * np.cos(elevation)
     down = way.metres * np.sin(elevation) - _EYES
     end = np.array([flat * np.sin(heading), flat * np.cos(heading), down])
-    ray = VIEW_AXES[picture.view] @ end
-    if ray[2] < _MIN_DEPTH:
+    found = _on_page(picture, look(picture, end[None]))  # none if it is behind the camera
+    if not len(found) or not 0 <= found[0, 0] <= WIDTH:
         return None
-    x, y = _on_page(picture, pixels_of(ray)).tolist()
     margin = _IN_VIEW.radius
-    if not 0 <= x <= WIDTH:
-        return None
-    return np.array([np.clip(x, margin, WIDTH - margin), np.clip(y, margin, HEIGHT - margin)])
+    return np.asarray(np.clip(found[0], margin, np.array([WIDTH, HEIGHT]) - margin))
 
 
 def _linked(objects: Sequence[_Link], ways: Sequence[_Way], marks: _Marks) -> str:

@@ -5,10 +5,11 @@ one that shows the predicted object, together with the target if a view shows bo
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
@@ -67,28 +68,14 @@ class AnswerView:
         objects = episode.visible_objects(episode.stop)
         target = _find(objects, episode.target_object)
         predicted = _find(objects, episode.predicted_object)
-        box = episode.predicted_box
-        main = predicted or target
+        box, main = episode.predicted_box, predicted or target
         view = box.view if box else _best_view(main, target) if main else None
-        sight = _Sight.of(episode, episode.stop, view, objects, (predicted, target))
-        sentences = [
-            _where(sight.view, _STOP),
+        shown = cls._seen(episode, episode.stop, objects, view, _STOP, predicted=predicted, box=box)
+        return _captioned(
+            shown,
             _answer_sentence(episode, predicted, who),
-            _target_sentence(episode, predicted, target, sight.picture),
+            _target_sentence(episode, predicted, target, shown.picture),
             "" if objects else "No object is visible from here.",
-        ]
-        return cls(
-            viewpoint_id=episode.stop,
-            objects=objects,
-            target=target,
-            predicted=predicted,
-            box=box,
-            iou=_iou_text(episode),
-            view=sight.view,
-            where=_STOP,
-            caption=" ".join(filter(None, sentences)),
-            skybox=sight.skybox,
-            room_view=sight.room_view,
         )
 
     @classmethod
@@ -98,40 +85,51 @@ class AnswerView:
         target = _find(objects, episode.target_object)
         if target is None:
             return None
-        sight = _Sight.of(episode, episode.goal, _best_view(target, target), objects, (target,))
-        return cls(
-            viewpoint_id=episode.goal,
-            objects=objects,
-            target=target,
-            predicted=None,
-            box=None,
-            iou="",
-            view=sight.view,
-            where=_PATH_END,
-            caption=f"{_where(sight.view, _PATH_END)} The target is {target.name}.",
-            skybox=sight.skybox,
-            room_view=sight.room_view,
-        )
+        view = _best_view(target, target)
+        shown = cls._seen(episode, episode.goal, objects, view, _PATH_END)
+        return _captioned(shown, f"The target is {target.name}.")
 
     @classmethod
     def at_step(cls, episode: Episode, viewpoint_id: str, view: int) -> "AnswerView":
         """Show what the agent sees on its way: a view from a viewpoint of the scan."""
         objects = episode.visible_objects(viewpoint_id)
+        shown = cls._seen(episode, viewpoint_id, objects, view, _STEP)
+        target = shown.target
+        told = _target_sentence(episode, None, target, shown.picture) if target else ""
+        return _captioned(shown, told)
+
+    @classmethod
+    def _seen(
+        cls,
+        episode: Episode,
+        viewpoint_id: str,
+        objects: Sequence[VisibleObject],
+        view: int | None,
+        where: str,
+        *,
+        predicted: VisibleObject | None = None,
+        box: PredictedBox | None = None,
+    ) -> Self:
+        """Look from a viewpoint of an episode; without a view, there are only photographs."""
         target = _find(objects, episode.target_object)
-        sight = _Sight.of(episode, viewpoint_id, view, objects, (target,))
-        named = target and _target_sentence(episode, None, target, sight.picture)
+        skybox, room_view = find_skybox(episode.graph, viewpoint_id), None
+        if view is not None:
+            seen, ids = seen_in(view, objects), [it.object_id for it in (predicted, target) if it]
+            at = episode.graph, episode.solution, viewpoint_id, view
+            room_view = room_view_of(*at, seen, important=ids)
+            view = picture_of(view, room_view, skybox).view
         return cls(
             viewpoint_id=viewpoint_id,
             objects=objects,
             target=target,
-            predicted=None,
-            box=None,
-            iou="",
-            view=sight.view,
-            where=_STEP,
-            caption=" ".join(filter(None, [_where(sight.view, _STEP), named or ""])),
-            skybox=sight.skybox,
-            room_view=sight.room_view,
+            predicted=predicted,
+            box=box,
+            iou=_iou_text(episode) if box else "",
+            view=view,
+            where=where,
+            caption="",
+            skybox=skybox,
+            room_view=room_view,
         )
 
     @property
@@ -190,37 +188,6 @@ def answer_views(
     first, *_ = episodes.values()
     at_end = AnswerView.at_path_end(first)
     return [*views, ("", at_end)] if at_end else views
-
-
-class _Sight(NamedTuple):
-    """What there is of a view to show."""
-
-    skybox: Skybox | None
-    room_view: RoomView | None
-    picture: Picture | None
-
-    @classmethod
-    def of(
-        cls,
-        episode: Episode,
-        viewpoint_id: str,
-        view: int | None,
-        objects: Sequence[VisibleObject],
-        important: Sequence[VisibleObject | None],
-    ) -> "_Sight":
-        """Look from a viewpoint of an episode; without a view, there are only photographs."""
-        skybox = find_skybox(episode.graph, viewpoint_id)
-        if view is None:
-            return cls(skybox, None, None)
-        ids = [each.object_id for each in important if each]
-        seen = seen_in(view, objects)
-        at = episode.graph, episode.solution, viewpoint_id, view
-        room_view = room_view_of(*at, seen, important=ids)
-        return cls(skybox, room_view, picture_of(view, room_view, skybox))
-
-    @property
-    def view(self) -> int | None:
-        return self.picture and self.picture.view
 
 
 def _photograph(skybox: Skybox | None, view: int | None) -> str:
@@ -397,8 +364,10 @@ def _is_whole(seen: VisibleObject) -> BoolArray:
     return ~is_cut
 
 
-def _where(view: int | None, where: str) -> str:
-    return "" if view is None else f"Seen from {where}, {view_text(view)}."
+def _captioned(shown: AnswerView, *sentences: str) -> AnswerView:
+    """Return a view with a caption: where it is from, and what is to be said of it."""
+    at = "" if shown.view is None else f"Seen from {shown.where}, {view_text(shown.view)}."
+    return replace(shown, caption=" ".join(filter(None, [at, *sentences])))
 
 
 def _iou_text(episode: Episode) -> str:

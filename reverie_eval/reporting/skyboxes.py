@@ -13,10 +13,8 @@ References
 
 import logging
 import os
-from base64 import b64encode
 from collections.abc import Callable
 from functools import cache, lru_cache
-from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +24,7 @@ from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import MissingPartError, naming_missing_parts
 from reverie_eval.geometry import HEIGHT, VIEW_AXES, WIDTH, rays_of
 from reverie_eval.ground_truth import DEMO_BUNDLES, NavigationGraph
-from reverie_eval.simulator import colours_of_skybox
+from reverie_eval.simulator import colours_of_skybox, jpeg_url
 
 PANORAMAS_VARIABLE = "REVERIE_EVAL_PANORAMAS"
 """The environment variable that names the folder of the scans."""
@@ -116,10 +114,7 @@ def _data_url(
     if width != _FACES * size:
         raise ValueError(f"{width} x {size} pixels, expected six squares")
     camera = np.frombuffer(rotation).reshape(3, 3)
-    pixels = colours_of_skybox(faces, directions(*shown) @ camera)
-    written = BytesIO()
-    Image.fromarray(pixels).save(written, "JPEG", quality=_QUALITY)
-    return f"data:image/jpeg;base64,{b64encode(written.getvalue()).decode()}"
+    return jpeg_url(colours_of_skybox(faces, directions(*shown) @ camera), _QUALITY)
 
 
 def find_skybox(graph: NavigationGraph, viewpoint_id: str) -> Skybox | None:

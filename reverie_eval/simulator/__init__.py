@@ -23,6 +23,7 @@ from reverie_eval.simulator._observation import (
     Stop,
     Turn,
     colours_of_skybox,
+    jpeg_url,
 )
 from reverie_eval.simulator.on_path import MatterSim
 
@@ -47,4 +48,5 @@ __all__ = [
     "Stop",
     "Turn",
     "colours_of_skybox",
+    "jpeg_url",
 ]

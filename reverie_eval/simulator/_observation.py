@@ -1,13 +1,15 @@
 """What an agent observes, with the pictures that skyboxes show, and what it can do."""
 
+from base64 import b64encode
 from dataclasses import dataclass, field, replace
 from functools import cache
+from io import BytesIO
 from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar, overload
 
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray
-from reverie_eval.errors import GroundTruthError, ReverieEvalError
+from reverie_eval.errors import GroundTruthError, ReverieEvalError, naming_missing_parts
 from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, WIDTH, view_angles
 from reverie_eval.simulator.on_path.MatterSim import _blended, _packed, _Renderer, _sight_of
 
@@ -117,6 +119,19 @@ class Picture:
 @cache
 def _renderer() -> _Renderer:
     return _Renderer(WIDTH, HEIGHT, FIELD_OF_VIEW)
+
+
+def jpeg_url(pixels: Array, quality: int) -> str:
+    """Return a picture, shape (height, width, 3), red first, as the ``data:`` URL of a JPEG.
+
+    Raises MissingPartError if Pillow is not installed.
+    """
+    with naming_missing_parts():
+        from PIL import Image
+
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG", quality=quality)
+    return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
 def colours_of_skybox(strip: Array, direction: FloatArray) -> Array:

@@ -1,7 +1,5 @@
 """A language model as an agent: what it is told, what it replies, and what is kept of that."""
 
-import base64
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -23,8 +21,8 @@ from reverie_eval.agents.chat._dialogue import (
 from reverie_eval.agents.chat._endpoint import Endpoint, Reply
 from reverie_eval.agents.chat.errors import CutReplyError, RefusalError, WrongActionError
 from reverie_eval.arrays import Array
-from reverie_eval.errors import ReverieEvalError, naming_missing_parts
-from reverie_eval.simulator import Action, Go, Observation
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.simulator import Action, Go, Observation, jpeg_url
 from reverie_eval.tasks import find_task
 from reverie_eval.text import count_text, did_you_mean
 
@@ -242,16 +240,9 @@ def _read(reply: Reply, choices: Choices) -> Chosen:
 def _message(role: str, text: str, pictures: Sequence[Array] = ()) -> Message:
     if not pictures:
         return {"role": role, "content": text}
-    shown = [{"type": "image_url", "image_url": {"url": _data_url(each)}} for each in pictures]
+    urls = [jpeg_url(each, _QUALITY) for each in pictures]
+    shown = [{"type": "image_url", "image_url": {"url": url}} for url in urls]
     return {"role": role, "content": [{"type": "text", "text": text}, *shown]}
-
-
-def _data_url(picture: Array) -> str:
-    with naming_missing_parts():
-        from PIL import Image
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, "JPEG", quality=_QUALITY)
-    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
 def _check_options(observe: str, history: str, moves: object, settings: Mapping[str, Any]) -> None:

@@ -28,7 +28,7 @@ from reverie_eval.reporting.answers import (
     picture_of,
     span_of,
 )
-from reverie_eval.reporting.drawing import line_data, path
+from reverie_eval.reporting.drawing import image_svg, line_data, path
 from reverie_eval.reporting.resources import text_of
 from reverie_eval.reporting.skyboxes import Skybox
 
@@ -109,8 +109,7 @@ def answer_svg(shown: AnswerView, number: int = 1) -> str:
 
 def answer_picture(shown: AnswerView) -> str:
     """Draw a picture that includes its style sheet, for a file or any page."""
-    own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{ANSWER_STYLE}</style>"
-    return _draw(shown, 1, *own)
+    return _draw(shown, 1, ANSWER_STYLE)
 
 
 def answer_shapes(shown: AnswerView) -> tuple[str, float]:
@@ -123,10 +122,7 @@ def answer_shapes(shown: AnswerView) -> tuple[str, float]:
 def view_svg(shown: AnswerView) -> str:
     """Draw the view of a step without the panorama, for a page that includes ``ANSWER_STYLE``."""
     shapes, height = answer_shapes(shown)
-    return (
-        f'<svg class="{answer_class(shapes, 1)}" role="img" viewBox="0 0 {WIDTH} {height:.0f}">'
-        f"<title>{escape(shown.caption)}</title>{shapes}</svg>"
-    )
+    return image_svg(answer_class(shapes, 1), (WIDTH, height), shapes, shown.caption)
 
 
 def answer_class(shapes: str, number: int) -> str:
@@ -139,16 +135,17 @@ def _on(shapes: str) -> str:
     return " on-photograph" if "<image" in shapes else " in-room" if "<g" in shapes else ""
 
 
-def _draw(shown: AnswerView, number: int, attributes: str = "", style: str = "") -> str:
+def _draw(shown: AnswerView, number: int, style: str = "") -> str:
     top = 0 if shown.picture is None else HEIGHT + _GAP
-    height = top + _STRIP_HEIGHT + _TICKS_HEIGHT
     view = "" if shown.picture is None else "".join(_view(shown, shown.picture))
     shapes = f'{view}<g transform="translate(0 {top})">{"".join(_panorama(shown))}</g>'
-    size = f'viewBox="0 0 {WIDTH} {height:.0f}"'
-    return (
-        f'<svg class="{answer_class(shapes, number)}" role="img" {size}{attributes}>'
-        f"<title>{escape(f'What is visible from viewpoint {shown.viewpoint_id}')}</title>"
-        f"<desc>{escape(shown.description)}</desc>{style}{shapes}</svg>"
+    return image_svg(
+        answer_class(shapes, number),
+        (WIDTH, top + _STRIP_HEIGHT + _TICKS_HEIGHT),
+        shapes,
+        f"What is visible from viewpoint {shown.viewpoint_id}",
+        description=shown.description,
+        style=style,
     )
 
 

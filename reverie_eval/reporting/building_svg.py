@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator
 from functools import cached_property
-from html import escape
 from itertools import chain
 
 import numpy as np
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting.answer_svg import ANSWER_STYLE
-from reverie_eval.reporting.drawing import element, line_data, path, path_data
+from reverie_eval.reporting.drawing import element, image_svg, line_data, path, path_data
 from reverie_eval.reporting.floors_svg import Floors
 from reverie_eval.reporting.map_layout import WIDTH, Layout, Mark
 from reverie_eval.reporting.map_marks import MAP_STYLE, draw_mark
@@ -44,15 +43,16 @@ class BuildingPicture:
 
     def picture(self, *, plays: bool = False, share: float = 1.0) -> str:
         """Draw the building with its style sheet, for a file; of the walk, only a share."""
-        style = f"<style>{BUILDING_STYLE}</style>"
-        shapes = self.shapes(plays=plays, share=share)
-        return self._svg(style + shapes, ' xmlns="http://www.w3.org/2000/svg"')
+        return self._svg(self.shapes(plays=plays, share=share), BUILDING_STYLE)
 
-    def _svg(self, shapes: str, attributes: str = "") -> str:
-        return (
-            f'<svg class="episode-map building" role="img" viewBox="0 0 {WIDTH} {self.height:.0f}"'
-            f"{attributes}><title>{escape(f'Building of episode {self._map.instr_id}')}</title>"
-            f"<desc>{escape(self._map.description)}</desc>{shapes}</svg>"
+    def _svg(self, shapes: str, style: str = "") -> str:
+        return image_svg(
+            "episode-map building",
+            (WIDTH, self.height),
+            shapes,
+            f"Building of episode {self._map.instr_id}",
+            description=self._map.description,
+            style=style,
         )
 
     def shapes(self, *, plays: bool = False, share: float = 1.0) -> str:

@@ -9,7 +9,6 @@ submissions, ``dot`` for episodes, ``axis`` for grid lines.
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from itertools import count
 from types import MappingProxyType
 
@@ -21,7 +20,7 @@ from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.errors import ProtocolError
 from reverie_eval.logs import COSTS
 from reverie_eval.metrics import CATALOGUE, Metric, Unit
-from reverie_eval.reporting.drawing import Lines, path, path_data, text_at
+from reverie_eval.reporting.drawing import Lines, image_svg, path, path_data, text_at
 from reverie_eval.scoring import Scores
 
 _MOST_BARS = 60
@@ -296,9 +295,7 @@ class Chart:
             path(kind, path_data(kind, [self._on_page(points) for points in lines]))
             for kind, lines in self.lines.items()
         )
-        opening = f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-        title = f"<title>{escape(self.title)}</title>"
-        return f"{opening}{title}{''.join([*self._grid(), *drawn])}</svg>"
+        return image_svg("chart", (WIDTH, HEIGHT), "".join([*self._grid(), *drawn]), self.title)
 
     def _on_page(self, points: FloatArray) -> FloatArray:
         x = _LEFT + (points[:, 0] - self.low) / (self.high - self.low) * _INSIDE_WIDTH

@@ -60,6 +60,30 @@ def line_data(points: FloatArray) -> str:
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist())
 
 
+def image_svg(
+    kind: str,
+    size: tuple[float, float],
+    shapes: str,
+    title: str,
+    *,
+    description: str = "",
+    style: str = "",
+) -> str:
+    """Return a picture of a class, as wide as there is room, named for those who cannot see it.
+
+    ``size`` is in units of the page. With a style sheet, it is a file; without one, it is for a
+    page that has it.
+    """
+    width, height = size
+    attributes = ' xmlns="http://www.w3.org/2000/svg"' if style else ""
+    told = f"<desc>{escape(description)}</desc>" if description else ""
+    sheet = f"<style>{style}</style>" if style else ""
+    return (
+        f'<svg class="{kind}" role="img" viewBox="0 0 {width:.0f} {height:.0f}"{attributes}>'
+        f"<title>{escape(title)}</title>{told}{sheet}{shapes}</svg>"
+    )
+
+
 _LARGE = re.compile(r'<(?:image|g class="solids")[^>]*?(?:/>|>.*?</g>)', re.DOTALL)
 """Photographs, and the walls and furniture of a room or a level; none is in another."""
 

@@ -21,7 +21,7 @@ from reverie_eval.logs import COSTS, Step, cost_text
 from reverie_eval.reporting.answer_svg import answer_picture, view_svg
 from reverie_eval.reporting.answers import AnswerView, answer_views
 from reverie_eval.reporting.building_svg import BUILDING_STYLE
-from reverie_eval.reporting.drawing import path, path_data
+from reverie_eval.reporting.drawing import image_svg, path, path_data
 from reverie_eval.reporting.floors_svg import Floors
 from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, Layout, Mark, Piece
 from reverie_eval.reporting.map_marks import MAP_STYLE, draw_mark, sign_shapes
@@ -67,10 +67,8 @@ def visited_svg(position: FloatArray) -> str:
         draw_mark(Mark("stop", points[-1], 1), "here"),
     ]
     number = count_text(len(np.unique(position, axis=0)), "viewpoint")
-    return (
-        f'<svg class="episode-map" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-        f"<title>The walk so far: {number}</title>{_on_scale(shapes, frame)}</svg>"
-    )
+    title = f"The walk so far: {number}"
+    return image_svg("episode-map", (WIDTH, HEIGHT), _on_scale(shapes, frame), title)
 
 
 def map_key(*maps: EpisodeMap) -> str:
@@ -133,31 +131,17 @@ class _Drawing:
 
     def shapes(self) -> str:
         edges, *others = self._layout.layers()
-        storeys = (
-            self._frame.levels if isinstance(self._frame, Floors) else [self._map.start_storey]
-        )
-        plans, names = (
-            chain.from_iterable(map(layer, storeys))
-            for layer in (self._layout.plan, self._layout.room_names)
-        )
+        plans, names = self._rooms([self._map.start_storey])
         layers = map(list, (plans, edges, names, *others))
         return self._on_ground(shape for layer in layers for shape in self._joined(layer))
 
     def interactive(self) -> str:
         edges, annotated, *others = (map(self._apart, layer) for layer in self._layout.layers())
-        storeys = (
-            self._frame.levels
-            if isinstance(self._frame, Floors)
-            else range(self._map.storey.max() + 1)
-        )
-        plans, names = (
-            map(self._apart, chain.from_iterable(map(layer, storeys)))
-            for layer in (self._layout.plan, self._layout.room_names)
-        )
+        plans, names = self._rooms(range(self._map.storey.max() + 1))
         shapes = [
-            *plans,
+            *map(self._apart, plans),
             *edges,
-            *names,
+            *map(self._apart, names),
             '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
             *annotated,
             "</g>",
@@ -165,16 +149,23 @@ class _Drawing:
         ]
         return self._svg(f"{self.kind} walkable", self._on_ground(shapes))
 
+    def _rooms(self, storeys: Iterable[int]) -> tuple[Iterator[Piece], Iterator[Piece]]:
+        """Return the plans of storeys, and the names of their rooms; on floors, those of these."""
+        shown = self._frame.levels if isinstance(self._frame, Floors) else list(storeys)
+        layout = self._layout
+        plans, names = map(layout.plan, shown), map(layout.room_names, shown)
+        return chain.from_iterable(plans), chain.from_iterable(names)
+
     def _svg(self, kind: str, shapes: str, *, has_style: bool = False) -> str:
         # A page has the style sheet once; a file has to bring its own.
-        attributes = ' xmlns="http://www.w3.org/2000/svg"' if has_style else ""
-        sheet = BUILDING_STYLE if self._map.leaves_level else MAP_STYLE
-        style = f"<style>{sheet}</style>" if has_style else ""
-        size = f'viewBox="0 0 {WIDTH} {self.height:.0f}"'
-        return (
-            f'<svg class="{kind}" role="img" {size}{attributes}>'
-            f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>"
-            f"<desc>{escape(self._map.description)}</desc>{style}{shapes}</svg>"
+        style = BUILDING_STYLE if self._map.leaves_level else MAP_STYLE
+        return image_svg(
+            kind,
+            (WIDTH, self.height),
+            shapes,
+            f"Map of episode {self._map.instr_id}",
+            description=self._map.description,
+            style=style if has_style else "",
         )
 
     def _on_ground(self, shapes: Iterable[str]) -> str:

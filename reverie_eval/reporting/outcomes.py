@@ -3,7 +3,6 @@
 import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from io import BytesIO
 
 import numpy as np
@@ -15,7 +14,14 @@ from reverie_eval.errors import naming_missing_parts
 from reverie_eval.geometry import Building
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.reporting.buildings import building_of
-from reverie_eval.reporting.drawing import element, path, path_data, text_across, wide_svg
+from reverie_eval.reporting.drawing import (
+    element,
+    image_svg,
+    path,
+    path_data,
+    text_across,
+    wide_svg,
+)
 from reverie_eval.reporting.map_layout import HEIGHT, WIDTH, Frame, arrows, plan_of
 from reverie_eval.scoring import CORRECT, OUTCOMES
 from reverie_eval.text import count_text
@@ -197,10 +203,7 @@ class WalkFaults:
             *self._stops(np.flatnonzero(is_on), frame),
             *self._turns(storey, frame),
         ]
-        return (
-            f'<svg class="episode-map faults" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-            f"<title>{escape(title)}</title>{''.join(shapes)}</svg>"
-        )
+        return image_svg("episode-map faults", (WIDTH, HEIGHT), "".join(shapes), title)
 
     def _stops(self, viewpoints: IntArray, frame: Frame) -> Iterator[str]:
         """Draw a circle for each kind of stop at a viewpoint, by area; smaller ones lie on top."""

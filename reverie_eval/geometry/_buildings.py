@@ -21,8 +21,7 @@ import numpy as np
 from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
-from reverie_eval.geometry._doors import DOOR_WIDTH
-from reverie_eval.geometry._plans import Plan, axes_of, without_outliers
+from reverie_eval.geometry._plans import DOOR_WIDTH, Plan, axes_of, without_outliers
 from reverie_eval.geometry._polygons import are_inside
 from reverie_eval.geometry._room_names import is_outdoors, name_room
 from reverie_eval.geometry._room_parts import RoomParts

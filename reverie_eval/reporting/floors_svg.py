@@ -1,7 +1,8 @@
 """The levels of a building that an episode visits, as stacked sheets in parallel projection.
 
-The lowest is at the bottom. Each has the floors of its rooms, low walls with gaps for doors,
-furniture as solids, stairs and a title. What an episode does on them is drawn by others.
+The lowest is at the bottom: what is above something is drawn above it, and no level takes up more
+than it needs. Each has the floors of its rooms, low walls with gaps for doors, furniture as solids,
+stairs and a title. What an episode does on them is drawn by others.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,6 +12,7 @@ from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
+from typing_extensions import Self
 
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.geometry import BLOCK, Solids, Tread, floor_joints, floors_of, kind_of, sides_of
@@ -18,7 +20,6 @@ from reverie_eval.reporting.drawing import element, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.sheets import Sheets
 from reverie_eval.reporting.walls import FLATTENED, HIGH, LOW, WallPiece, walls_of
 
 # Degrees: the walls are turned to the left, and the camera looks down.
@@ -46,6 +47,9 @@ _DECIMALS = 3
 _HEIGHTS = 9
 # Points along a wall: close enough that a title on it covers one.
 _ALONG = 64
+# The greatest height, and the space around and between sheets, in units of the page; where titles
+# begin, left of all sheets; how many sheets are always in one column.
+_HIGHEST, _MARGIN, _GAP, _TITLE_LEFT, _STACKED = 560, 14, 12, 4.0, 3
 _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
 """From what is drawn to the eye: to the right, away and up."""
 
@@ -304,3 +308,61 @@ def _corners(tread: Tread) -> FloatArray:
     """Return the corners, shape (4, 2), of a tread seen from above."""
     back = tread.step / 2
     return np.concatenate([tread.ends - back, tread.ends[::-1] + back])
+
+
+# Where the sheets are on the page.
+
+
+class Sheets(NamedTuple):
+    """Where the sheets of levels are."""
+
+    scale: float
+    """Units of the page per metre."""
+    height: float
+    """The height of the page, in its units."""
+    origin: Mapping[int, FloatArray]
+    """Shape (2,): where the origin of a level's projection is."""
+    title_left: Mapping[int, float]
+    """Where the title of a level begins."""
+
+    @classmethod
+    def of(cls, corners: Mapping[int, FloatArray], below: float) -> Self:
+        """Stack levels, in two columns if there are many and they are larger then.
+
+        Parameters
+        ----------
+        corners : mapping of int to float array of shape (n, 2)
+            What each level takes up, the highest first: projected to the right and down, metres.
+        below : float
+            Units of the page that stay free below the sheets.
+        """
+        across = np.concatenate([each[:, 0] for each in corners.values()])
+        wide = float(np.ptp(across))
+        high = {level: float(np.ptp(each[:, 1])) for level, each in corners.items()}
+
+        def scale_of(stacks: Sequence[Sequence[int]]) -> float:
+            free = [_HIGHEST - 2 * _MARGIN - below - _GAP * (len(each) - 1) for each in stacks]
+            rows = [sum(high[level] for level in each) for each in stacks]
+            fitting = (WIDTH / len(stacks) - 2 * _MARGIN) / wide
+            return min(fitting, *(its / row for its, row in zip(free, rows, strict=True)))
+
+        numbers = (1, 2) if len(corners) > _STACKED else (1,)
+        stacks = max((_stacks(list(corners), number) for number in numbers), key=scale_of)
+        scale, width = scale_of(stacks), WIDTH / len(stacks)
+        rows = [sum(scale * high[level] + _GAP for level in each) - _GAP for each in stacks]
+        height = max(rows) + 2 * _MARGIN + below
+        origin, title_left = {}, {}
+        for column, stack in enumerate(stacks):
+            left = width * (column + 0.5) - scale * (across.min() + wide / 2)
+            foot = height - below - _MARGIN
+            for level in reversed(stack):
+                origin[level] = np.array([left, foot - scale * corners[level][:, 1].max()])
+                title_left[level] = width * column + _TITLE_LEFT
+                foot -= scale * high[level] + _GAP
+        return cls(scale, height, origin, title_left)
+
+
+def _stacks(levels: Sequence[int], number: int) -> Sequence[Sequence[int]]:
+    """Return the levels of each column, the highest first; the lowest are in the first column."""
+    stacks: Sequence[Sequence[int]] = [each.tolist() for each in np.array_split(levels, number)]
+    return stacks[::-1]

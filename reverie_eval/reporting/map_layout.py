@@ -19,23 +19,12 @@ from reverie_eval.geometry import FOCAL_LENGTH, Building, Room
 from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting.charts import round_numbers
 from reverie_eval.reporting.drawing import CLOSED, Lines
-from reverie_eval.reporting.maps import EpisodeMap, Route, SignKind
+from reverie_eval.reporting.maps import EpisodeMap, Route
 
 WIDTH, HEIGHT = 400, 300
 """Size of a map, in units of the page."""
 MOST_POSES = 1000
 """Poses of a route that are drawn, at most; ten times as many as agents in the literature walk."""
-KEY_CLASSES: Mapping[SignKind, str] = MappingProxyType(
-    {
-        "sight": "sight",
-        "jump": "route jump",
-        "annotated": "annotated",
-        "climb": "route climb",
-        "elsewhere": "viewpoint elsewhere",
-        "plan": "wall",
-    }
-)
-"""The class that shows the look of a sign in a key; the other signs are marks."""
 # Smallest margin around the viewpoints of the episode, in metres.
 _MARGIN = 2.5
 # Smallest width of a map, in metres.

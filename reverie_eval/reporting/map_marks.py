@@ -6,7 +6,7 @@ from types import MappingProxyType
 import numpy as np
 
 from reverie_eval.reporting.drawing import element, line_data, path, text_at
-from reverie_eval.reporting.map_layout import KEY_CLASSES, Mark
+from reverie_eval.reporting.map_layout import Mark
 from reverie_eval.reporting.maps import Sign, SignKind
 from reverie_eval.reporting.resources import text_of
 
@@ -19,15 +19,15 @@ _STAR = np.array(
     ]
 )
 _RADIUS = {"start": 5.5, "goal": 7.0}
-# Path data of the signs in a key that are lines.
-_KEY_LINES: Mapping[SignKind, str] = MappingProxyType(
+# The signs in a key that are lines: class and path data.
+_KEY_LINES: Mapping[SignKind, tuple[str, str]] = MappingProxyType(
     {
-        "sight": "M8 8L34 0V16z",
-        "jump": "M4 8H36",
-        "annotated": "M6 8H34",
-        "climb": "M4 8H36",
-        "elsewhere": "M12 8h0M28 8h0",
-        "plan": "M4 13V3H16M26 3H36V13",
+        "sight": ("sight", "M8 8L34 0V16z"),
+        "jump": ("route jump", "M4 8H36"),
+        "annotated": ("annotated", "M6 8H34"),
+        "climb": ("route climb", "M4 8H36"),
+        "elsewhere": ("viewpoint elsewhere", "M12 8h0M28 8h0"),
+        "plan": ("wall", "M4 13V3H16M26 3H36V13"),
     }
 )
 
@@ -42,7 +42,7 @@ def sign_shapes(sign: Sign) -> str:
         case "start" | "goal" | "end":
             return draw_mark(Mark(sign.kind, middle))
         case _:
-            return path(KEY_CLASSES[sign.kind], _KEY_LINES[sign.kind])
+            return path(*_KEY_LINES[sign.kind])
 
 
 def draw_mark(mark: Mark, title: str = "") -> str:

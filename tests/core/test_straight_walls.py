@@ -6,8 +6,7 @@ What a move costs, in square metres, is worked out by hand.
 import numpy as np
 import pytest
 
-from reverie_eval.geometry._doors import Border, openings
-from reverie_eval.geometry._plans import Plan
+from reverie_eval.geometry._plans import Border, Plan, openings
 from reverie_eval.geometry._straightening import straighten
 
 

@@ -18,10 +18,10 @@ from reverie_eval.analysis import Episode
 from reverie_eval.geometry import Building, Line, Room, Sightings, Solids, door_spans
 from reverie_eval.reporting.building_svg import BuildingPicture
 from reverie_eval.reporting.buildings import building_of
+from reverie_eval.reporting.floors_svg import Sheets
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_svg import interactive_map_svg
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.sheets import Sheets
 from reverie_eval.reporting.walls import wall_pieces, walls_of
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run

@@ -23,6 +23,7 @@ report                the HTML report; report_sections has its words and numbers
 ====================  ==========================================================
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from reverie_eval.reporting.results import results_table
@@ -35,18 +36,16 @@ if TYPE_CHECKING:
 __all__ = ["plot_budgets", "plot_curve", "report_html", "results_table", "save_figure"]
 
 
+# Imported when they are used: scoring a file does without them.
+_LATE = {
+    "plot_budgets": "figures",
+    "plot_curve": "figures",
+    "report_html": "report",
+    "save_figure": "episode_figure",
+}
+
+
 def __getattr__(name: str) -> Any:
-    """Import figures and the report when they are used: scoring a file does without them."""
-    if name in ("plot_budgets", "plot_curve"):
-        from reverie_eval.reporting import figures
-
-        return getattr(figures, name)
-    if name == "save_figure":
-        from reverie_eval.reporting.episode_figure import save_figure
-
-        return save_figure
-    if name == "report_html":
-        from reverie_eval.reporting.report import report_html
-
-        return report_html
+    if name in _LATE:
+        return getattr(import_module(f"{__name__}.{_LATE[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

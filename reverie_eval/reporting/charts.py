@@ -231,10 +231,8 @@ def budget_chart(curves: Mapping[str, BudgetCurve]) -> "Chart":
     )
     high = 1.05 * nearly_all or 1.0
     # By colour: with more runs than colours, several have one.
-    bands, steps = (
-        defaultdict[str, list[FloatArray]](list),
-        defaultdict[str, list[FloatArray]](list),
-    )
+    bands = defaultdict[str, list[FloatArray]](list)
+    steps = defaultdict[str, list[FloatArray]](list)
     names = defaultdict[str, list[str]](list)
     for number, (name, curve) in enumerate(curves.items()):
         series = f"series-{number % MOST_SERIES + 1}"

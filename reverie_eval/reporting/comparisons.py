@@ -28,6 +28,9 @@ from reverie_eval.scoring import Intervals, Scores
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 
+_Cell = Callable[[Metric, Difference | DifferenceOfMeans], str]
+"""What makes a cell about the difference in a metric."""
+
 
 class ComparisonReport(Report):
     """Several submissions, the others compared with the first."""
@@ -135,11 +138,17 @@ def _rows_against(
 ) -> Iterator[Sequence[str]]:
     if not differences:
         return
-    found = [(metric, differences[metric.key]) for metric in metrics]
-    label = compared.intervals.label
-    yield [f"{label} low{where}", *(signed(metric, each.interval.low) for metric, each in found)]
-    yield [f"{label} high{where}", *(signed(metric, each.interval.high) for metric, each in found)]
-    yield [f"p{where}", *(_p_cell(each.p_value) for _, each in found)]
+    for title, cell in _cells_of_interval(compared.intervals.label).items():
+        yield [f"{title}{where}", *(cell(metric, differences[metric.key]) for metric in metrics)]
+
+
+def _cells_of_interval(label: str) -> Mapping[str, _Cell]:
+    """Return the titles of the rows on how sure a difference is, and what makes their cells."""
+    return {
+        f"{label} low": lambda metric, found: signed(metric, found.interval.low),
+        f"{label} high": lambda metric, found: signed(metric, found.interval.high),
+        "p": lambda _, found: _p_cell(found.p_value),
+    }
 
 
 _WON = (
@@ -322,12 +331,9 @@ def procedures(comparison: Comparison) -> Sequence[str]:
 
 def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
     """Yield the rows on how one submission differs from the first, below an empty row."""
-    label = comparison.intervals[name].label
     rows: dict[str, Callable[[Metric, Difference], str]] = {
         f"{name} - {comparison.first}": lambda metric, found: signed(metric, found.mean),
-        f"{label} low": lambda metric, found: signed(metric, found.interval.low),
-        f"{label} high": lambda metric, found: signed(metric, found.interval.high),
-        "p": lambda _, found: _p_cell(found.p_value),
+        **_cells_of_interval(comparison.intervals[name].label),
     }
     # Of means over runs, no episode is simply right or wrong.
     if isinstance(comparison.intervals[name], Intervals):

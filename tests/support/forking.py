@@ -157,14 +157,13 @@ def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]
 
 def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
     surroundings.enter()
-    server = multiprocessing.forkserver._forkserver  # noqa: SLF001
-    if hasattr(server, "_forkserver_authkey"):  # Python 3.14: only who started it may ask it
+    if sys.version_info >= (3, 14):  # only who started the process may ask it to fork
         work(*given)
         return
     # Either would start another process to fork from, which would import everything once more: the
     # method when a process starts, and the function, which is bound to it, when the server does.
     with (
-        patch.object(server, "ensure_running"),
+        patch.object(multiprocessing.forkserver.ForkServer, "ensure_running"),
         patch.object(multiprocessing.forkserver, "ensure_running"),
         patch.object(scoring_processes, "get_context", lambda _: Beside(surroundings)),
     ):

@@ -12,7 +12,6 @@ from playwright.sync_api import Page
 
 from fixtures.published import published_folder
 from reverie_eval.scoring import CORRECT, OUTCOMES
-from tests.conftest import unavailable
 from tests.support.browser import (
     DESKTOP,
     PHONE,
@@ -23,24 +22,15 @@ from tests.support.browser import (
     show_part,
 )
 from tests.support.demo_site import BOLD, OPEN, ORGANISER, PRIVATE, WALKER, Site
-from tests.support.full_site import ITEMS, earlier_rows, full_site
+from tests.support.full_site import earlier_rows, full_site
 from tests.support.reader import read
 
-METHODS = 5
-"""On the open split; the private one has three."""
-FEW_ITEMS = 150
-"""Items of the made-up world beside the published files, which are of real size themselves."""
+METHODS = 3
+"""On each split."""
 COLUMNS = """tables => tables.map(table => [...table.querySelectorAll("thead th")].map(each => {
     const { left, width } = each.getBoundingClientRect();
     return [left, width];
 }))"""
-
-
-WORLDS = MADE_UP, PUBLISHED = "made-up world", "published files"
-of_one_world = pytest.mark.parametrize(
-    "full", [MADE_UP if published_folder() is None else PUBLISHED], indirect=True
-)
-"""For what depends on the size of a world alone."""
 
 
 class Full(NamedTuple):
@@ -50,18 +40,11 @@ class Full(NamedTuple):
     published: Path | None
 
 
-@pytest.fixture(scope="module", params=WORLDS)
-def full(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Full]:
-    """Run the server."""
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Full]:
+    """Run the server, of the published files or, where they are not, of the made-up world."""
     published = published_folder()
-    items = ITEMS if published is None else FEW_ITEMS
-    if request.param == MADE_UP:
-        published = None
-    elif published is None:
-        unavailable("the published REVERIE files are not here")
-    with full_site(tmp_path_factory.mktemp("full"), published, METHODS, items) as site:
+    with full_site(tmp_path_factory.mktemp("full"), published, METHODS) as site:
         yield Full(site, published)
 
 
@@ -87,7 +70,6 @@ def best_of(year: str, table: str) -> str:
     return max(rows, key=lambda row: float(row["rgspl"]))["team"]
 
 
-@of_one_world
 @pytest.mark.parametrize(
     "path",
     [
@@ -111,7 +93,6 @@ def test_no_column_moves_while_the_rows_arrive(path: str, full: Full, open_page:
             assert [each[number] for each in columns(page)] == [each[number] for each in final]
 
 
-@of_one_world
 @pytest.mark.parametrize(
     "path",
     [

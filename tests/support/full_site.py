@@ -54,17 +54,14 @@ _DAYS = 900
 
 
 @contextmanager
-def full_site(
-    folder: Path, published: Path | None, methods: int = MANY, items: int = ITEMS
-) -> Iterator[Site]:
+def full_site(folder: Path, published: Path | None, methods: int = MANY) -> Iterator[Site]:
     """Run a server until the end, with methods on val_unseen and rows of an earlier leaderboard.
 
-    ``published`` is the folder of the published files; the made-up world, which has this many
-    items, needs none.
+    ``published`` is the folder of the published files; the made-up world needs none.
     """
     server = folder / "server"
     make_folder(server)
-    truths = write_bundles(folder / "dataset", published, server / "bundles", items)
+    truths = write_bundles(folder / "dataset", published, server / "bundles")
     people = PEOPLE | {f"Person {number}": team for number, team in enumerate(TEAMS)}
     with acting(load_settings(server), "test") as transaction:
         tokens = populate(transaction, people)
@@ -85,11 +82,11 @@ def full_site(
 
 
 def write_bundles(
-    dataset: Path, published: Path | None, bundles: Path, items: int
+    dataset: Path, published: Path | None, bundles: Path
 ) -> Mapping[str, GroundTruth]:
     """Compile val_unseen, and a private split of the same form, into a server's folder."""
     if published is None:
-        root, test = made_up_world(dataset, items), OPEN
+        root, test = made_up_world(dataset), OPEN
     else:
         root, test = unpack_dataset(published, dataset), PUBLISHED_SPLITS[PRIVATE]
     answered = json.loads((root / _DATA / f"REVERIE_{test}.json").read_text(encoding="utf-8"))
@@ -102,11 +99,11 @@ def write_bundles(
     return {split: GroundTruth.load(bundles / f"{split}.npz") for split in (OPEN, PRIVATE)}
 
 
-def made_up_world(folder: Path, items: int) -> Path:
+def made_up_world(folder: Path) -> Path:
     """Write a world of as many buildings as val_unseen, with 50 objects in sight everywhere."""
     random = Random(0)
     scans = {f"Scan{number:02}": _scan(number, random) for number in range(_SCANS)}
-    write_world(World(scans, [*_items(scans, random, items)]), folder)
+    write_world(World(scans, [*_items(scans, random)]), folder)
     boxes = folder / _DATA / "BBoxes.json"
     seen = json.loads(boxes.read_text())
     for objects in seen.values():
@@ -149,9 +146,9 @@ def _scan(number: int, random: Random) -> Scan:
     return Scan(viewpoints, frozenset(edges))
 
 
-def _items(scans: Mapping[str, Scan], random: Random, items: int) -> Iterator[Item]:
+def _items(scans: Mapping[str, Scan], random: Random) -> Iterator[Item]:
     """Annotate paths of some metres: three instructions each, but for one item with two."""
-    for number in range(items):
+    for number in range(ITEMS):
         scan_id = f"Scan{number % _SCANS:02}"
         scan = scans[scan_id]
         routes = scan.routes

@@ -29,10 +29,9 @@ from tests.support.participants import (
     RealServer,
     Script,
     answer,
-    private_submission,
     problem,
 )
-from tests.support.serving import BROKEN, GOOD, NO_TLS
+from tests.support.serving import BROKEN, GOOD, NO_TLS, PRIVATE, submission_for
 from tests.support.waiting import PATIENCE
 
 OURS = Method(name="Ours", description="Two lines\nof it & more = better? 漢", ensemble=True)
@@ -82,8 +81,8 @@ def test_submissions_are_fetched_page_by_page(
         sent = [
             client.submit(split, file, Method(name="Ours")).submission.id
             for split, file in (
-                ("test", private_submission(0)),
-                ("test", private_submission(1)),
+                ("test", submission_for(PRIVATE, seed=0)),
+                ("test", submission_for(PRIVATE, seed=1)),
                 ("val_unseen", GOOD),
             )
         ]
@@ -123,12 +122,12 @@ def test_a_submission_is_kept_and_counted_once(
     faults: list[Fault], *, repeat: bool, real_server: RealServer
 ) -> None:
     with somebody_at(real_server, *faults) as (client, proxy):
-        accepted = client.submit("test", private_submission(), OURS)
+        accepted = client.submit("test", submission_for(PRIVATE), OURS)
         assert (accepted.is_repeat, accepted.quota.remaining) == (repeat, 1)
         assert stored_of(real_server, client) == [accepted.submission.id]
         assert accepted.submission.method == OURS
         assert len(proxy.uploads) == len(faults) + 1
-        again = client.submit("test", private_submission(), OURS)
+        again = client.submit("test", submission_for(PRIVATE), OURS)
         assert (again.is_repeat, again.quota.remaining, quota_of(client)) == (True, 1, 1)
         assert again.submission.receipt == accepted.submission.receipt
         verify(again.submission.receipt, client.key())
@@ -137,7 +136,7 @@ def test_a_submission_is_kept_and_counted_once(
 
 def test_what_is_sent_again_is_the_very_same(real_server: RealServer) -> None:
     with somebody_at(real_server, "upload", "before", "reply") as (client, proxy):
-        client.submit("test", private_submission(), OURS)
+        client.submit("test", submission_for(PRIVATE), OURS)
     part, *whole = proxy.uploads
     assert len(set(whole)) == 1
     assert whole[0].startswith(part)
@@ -148,7 +147,7 @@ def test_what_is_sent_again_is_the_very_same(real_server: RealServer) -> None:
 def test_each_submission_has_a_key_of_its_own(real_server: RealServer) -> None:
     with somebody_at(real_server) as (client, proxy):
         for seed in (0, 1):
-            client.submit("test", private_submission(seed), OURS)
+            client.submit("test", submission_for(PRIVATE, seed=seed), OURS)
         keys = {upload.lower().partition(b"idempotency-key: ")[2][:32] for upload in proxy.uploads}
         assert (len(keys), quota_of(client)) == (2, 0)
 
@@ -156,7 +155,7 @@ def test_each_submission_has_a_key_of_its_own(real_server: RealServer) -> None:
 def test_a_no_is_said_and_silence_is_not(real_server: RealServer) -> None:
     """An organiser may ask for an answer; that none was given is none."""
     with somebody_at(real_server) as (client, proxy):
-        client.submit("test", private_submission(), Method(name="Ours", ensemble=False))
+        client.submit("test", submission_for(PRIVATE), Method(name="Ours", ensemble=False))
     (upload,) = proxy.uploads
     assert b'name="ensemble"\r\n\r\nFalse\r\n' in upload
     assert b"extra_data" not in upload
@@ -171,7 +170,7 @@ def test_a_slow_reply_is_asked_for_again(
         assert patient == sending._TIMEOUT  # noqa: SLF001
         monkeypatch.setattr(sending, "sleep", lambda _: setattr(http, "timeout", patient))
         http.timeout = httpx.Timeout(PATIENCE, read=0.2)
-        accepted = client.submit("test", private_submission(), OURS)
+        accepted = client.submit("test", submission_for(PRIVATE), OURS)
         assert (accepted.is_repeat, quota_of(client)) == (True, 1)
 
 
@@ -182,7 +181,7 @@ def test_a_server_that_says_nothing_is_given_up(
     with somebody_at(real_server, "late") as (client, proxy):
         client._sender._http.timeout = httpx.Timeout(PATIENCE, read=0.2)  # noqa: SLF001
         with pytest.raises(UnreachableError, match="no reply in time"):
-            client.submit("test", private_submission(), OURS)
+            client.submit("test", submission_for(PRIVATE), OURS)
     assert len(proxy.uploads) == 1
     assert pauses == []
 
@@ -193,7 +192,7 @@ def test_a_network_that_stays_away_is_told_of(real_server: RealServer, pauses: l
         somebody_at(real_server, *faults) as (client, proxy),
         pytest.raises(UnreachableError, match=r"dropped.*; send it again: it counts once"),
     ):
-        client.submit("test", private_submission(), OURS)
+        client.submit("test", submission_for(PRIVATE), OURS)
     assert len(proxy.uploads) == 6
     assert pauses == [0.5, 1, 2, 4, 8]
     with somebody_at(real_server) as (client, _):
@@ -273,7 +272,7 @@ def test_a_server_that_was_never_reached_is_not_waited_for(pauses: list[float]) 
 
 def test_a_file_of_any_kind_can_be_sent(real_server: RealServer, tmp_path: Path) -> None:
     file = tmp_path / "submit.json"
-    file.write_bytes(private_submission())
+    file.write_bytes(submission_for(PRIVATE))
     with somebody_at(real_server) as (client, _):
         assert client.validate("test", file).valid
         sent: list[tuple[int, int]] = []
@@ -288,7 +287,7 @@ def test_a_file_of_any_kind_can_be_sent(real_server: RealServer, tmp_path: Path)
 
 def test_a_submission_is_published_and_renamed(real_server: RealServer) -> None:
     with somebody_at(real_server) as (client, _):
-        sent = client.submit("test", private_submission(), OURS).submission
+        sent = client.submit("test", submission_for(PRIVATE), OURS).submission
         published = client.change(sent.id, SubmissionChange(published=True))
         assert (published.status, published.method) == ("published", OURS)
         renamed = client.change(sent.id, SubmissionChange(method=Method(name="Theirs")))
@@ -313,9 +312,9 @@ def test_what_is_wrong_with_a_file_costs_nothing(real_server: RealServer) -> Non
 def test_a_spent_quota_says_when_it_is_not(real_server: RealServer) -> None:
     with somebody_at(real_server) as (client, _):
         for seed in (0, 1):
-            client.submit("test", private_submission(seed), OURS)
+            client.submit("test", submission_for(PRIVATE, seed=seed), OURS)
         with pytest.raises(QuotaSpentError, match=r"next possible at \d{4}-.* UTC") as spent:
-            client.submit("test", private_submission(2), OURS)
+            client.submit("test", submission_for(PRIVATE, seed=2), OURS)
         assert spent.value.document.quota is not None
         assert spent.value.document.quota.remaining == 0
 

@@ -17,8 +17,8 @@ from reverie_eval.schemas.service import Envelope
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON
 from tests.support.flat_world import Outcome, Run
-from tests.support.participants import RealServer, private_submission
-from tests.support.serving import NO_TLS
+from tests.support.participants import RealServer
+from tests.support.serving import NO_TLS, PRIVATE, submission_for
 from tests.support.signing import receipt_in, with_payload
 from tests.support.waiting import PATIENCE
 
@@ -32,7 +32,7 @@ def token(at_home: Path, real_server: RealServer, monkeypatch: pytest.MonkeyPatc
     token = real_server.mint(real_server.newcomer())
     monkeypatch.setenv("REVERIE_EVAL_SERVER", real_server.url)
     monkeypatch.setenv("REVERIE_EVAL_TOKEN", token)
-    Path("submit.json").write_bytes(private_submission())
+    Path("submit.json").write_bytes(submission_for(PRIVATE))
     return token
 
 
@@ -69,7 +69,7 @@ def test_login_keeps_a_token_for_oneself_alone(
     kept = json.loads(at_home.read_text())["tokens"][real_server.url]
     assert (kept == secret) == (kind == "access")
     assert secret not in outcome.out + outcome.err
-    Path("submit.json").write_bytes(private_submission())
+    Path("submit.json").write_bytes(submission_for(PRIVATE))
     assert accepted(run(*SUBMIT, *JSON))["submission"]["person"] == name
 
 
@@ -141,7 +141,7 @@ def test_a_login_that_is_refused_says_how_to_get_another(
     at_home.parent.mkdir(parents=True)
     at_home.touch(0o600)
     at_home.write_text(json.dumps({"tokens": {real_server.url: "rv_old"}}))
-    Path("submit.json").write_bytes(private_submission())
+    Path("submit.json").write_bytes(submission_for(PRIVATE))
     remedy = f"; run `reverie-eval login --server {real_server.url}` to enter another\n"
     outcome = run(*SUBMIT, "--server", real_server.url)
     assert (outcome.status, outcome.err.endswith(remedy)) == (2, True)
@@ -192,7 +192,7 @@ def test_another_release_s_bundle_judges_nothing(run: Run, monkeypatch: pytest.M
 def test_a_method_without_a_name_has_the_file_s(
     file: str, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    content = private_submission()
+    content = submission_for(PRIVATE)
     if file == "-":
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
     else:
@@ -286,11 +286,11 @@ def test_receipts_are_kept_and_never_written_over(run: Run) -> None:
         return line.removeprefix("receipt: ")
 
     assert [kept(), kept()] == ["submit.json.receipt.json"] * 2
-    Path("submit.json").write_bytes(private_submission(1))
+    Path("submit.json").write_bytes(submission_for(PRIVATE, seed=1))
     assert [kept(), kept()] == ["submit.json.2.receipt.json"] * 2
     assert kept("--receipt", "mine.json") == "mine.json"
     assert Path("mine.json").read_text() == Path("submit.json.2.receipt.json").read_text()
-    Path("submit.json").write_bytes(private_submission(2))
+    Path("submit.json").write_bytes(submission_for(PRIVATE, seed=2))
     outcome = run(*SUBMIT, "--receipt", "mine.json")
     said = "mine.json already exists; choose another file for the receipt"
     assert outcome == (2, "", f"reverie-eval: {said}\n")
@@ -299,7 +299,7 @@ def test_receipts_are_kept_and_never_written_over(run: Run) -> None:
 @pytest.mark.usefixtures("token")
 def test_a_receipt_that_cannot_be_written_hides_no_score(run: Run) -> None:
     longest = Path(f"{'x' * 250}.json")  # with .receipt.json, no file system would take it
-    longest.write_bytes(private_submission())
+    longest.write_bytes(submission_for(PRIVATE))
     outcome = run("submit", str(longest), "--split", "test")
     assert (outcome.status, "submissions left on test: 1" in outcome.out) == (2, True)
     assert outcome.err.startswith("scored, but the receipt could not be written (")
@@ -415,7 +415,7 @@ def test_the_layout_of_a_receipt_does_not_matter(receipt: Path, run: Run) -> Non
 
 
 def test_another_file_or_another_key(receipt: Path, run: Run) -> None:
-    Path("other.json").write_bytes(private_submission(1))
+    Path("other.json").write_bytes(submission_for(PRIVATE, seed=1))
     outcome = run("verify", str(receipt), "--submission", "other.json")
     assert outcome == (1, "", "other.json: not the file that the receipt is for\n")
     told = json.loads(receipt.read_text())

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from reverie_eval.schemas.service import Method, SubmissionChange
 from tests.conftest import REPOSITORY, unavailable
-from tests.support.participants import RealServer, private_submission
+from tests.support.participants import RealServer
+from tests.support.serving import PRIVATE, submission_for
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "http-api.md").read_text()
 _SET_BY_THE_READER = "export SERVER="
@@ -36,7 +37,7 @@ def test_the_commands_of_the_page_do_what_it_says(real_server: RealServer, tmp_p
     for tool in ("curl", "jq"):
         if shutil.which(tool) is None:
             unavailable(f"{tool} is not here")
-    (tmp_path / "submit.json").write_bytes(private_submission(seed=71))
+    (tmp_path / "submit.json").write_bytes(submission_for(PRIVATE, seed=71))
     name = real_server.newcomer()
     words = {
         "SERVER": real_server.url,

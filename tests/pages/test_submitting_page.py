@@ -11,7 +11,8 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.support.flat_world import Run
-from tests.support.participants import RealServer, private_submission
+from tests.support.participants import RealServer
+from tests.support.serving import PRIVATE, submission_for
 from tests.support.signing import receipt_in
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "submit.md").read_text()
@@ -44,7 +45,7 @@ def test_the_session_is_what_is_shown(
     real_server: RealServer, at_home: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = real_server.newcomer()
-    Path("submit.json").write_bytes(private_submission())
+    Path("submit.json").write_bytes(submission_for(PRIVATE))
     monkeypatch.setattr(sys, "stdin", StringIO(real_server.mint(name, "invite")))
     written = {
         real_server.url: SERVER,
@@ -68,7 +69,7 @@ def test_the_session_is_what_is_shown(
 
 
 def test_the_notebook_s_lines_run(real_server: RealServer, at_home: Path) -> None:
-    Path("submit.json").write_bytes(private_submission())
+    Path("submit.json").write_bytes(submission_for(PRIVATE))
     section = PAGE.partition("## In scripts and notebooks")[2]
     lines = section.partition("```python\n")[2].partition("```")[0]
     names: dict[str, Any] = {"token": real_server.mint(real_server.newcomer())}

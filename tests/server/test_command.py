@@ -12,8 +12,8 @@ import pytest
 
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from tests.support.flat_world import Run
-from tests.support.participants import private_submission
 from tests.support.processes import TOKEN, Laptop
+from tests.support.serving import PRIVATE, submission_for
 from tests.support.waiting import PATIENCE
 
 SETTINGS = "reverie-eval.toml"
@@ -79,7 +79,9 @@ def test_a_token_is_shown_once_and_a_lost_one_is_replaced(laptop: Laptop) -> Non
 
 def test_nobody_else_can_read_a_server_s_files(laptop: Laptop) -> None:
     with laptop.serving() as server:
-        assert server.upload(TOKEN.findall(server.said)[0], "test", private_submission()).is_success
+        assert server.upload(
+            TOKEN.findall(server.said)[0], "test", submission_for(PRIVATE)
+        ).is_success
         made = laptop.folder / "reverie-eval-server"
         open_to_others = [
             path.name
@@ -106,7 +108,7 @@ def test_two_servers_in_one_folder_keep_one_quota(laptop: Laptop) -> None:
             servers = (first, second) * 4
             replies = pool.map(
                 lambda numbered: numbered[1].upload(
-                    token, "test", private_submission() + b" " * numbered[0]
+                    token, "test", submission_for(PRIVATE) + b" " * numbered[0]
                 ),
                 enumerate(servers),
             )
@@ -182,7 +184,7 @@ def test_settings_by_variables_are_used(
 
 
 def test_a_submission_is_reviewed(lab: str, run: Run, tmp_path: Path) -> None:
-    (tmp_path / "walk.json").write_bytes(private_submission())
+    (tmp_path / "walk.json").write_bytes(submission_for(PRIVATE))
     run("server", "team", "add", lab, "Blue")
     run("server", "person", "add", lab, "Ada", "--team", "Blue")
     sent = ["--split", "test", "--team", "Blue", "--person", "Ada", "--publish"]

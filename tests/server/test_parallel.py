@@ -15,7 +15,7 @@ from reverie_eval.schemas.service import Envelope
 from reverie_eval.server.audit.log import AuditLog, entries
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
-from tests.support.participants import RealServer, private_submission
+from tests.support.participants import RealServer
 from tests.support.serving import MATE, OPEN, OWNER, PRIVATE, Serving, submission_for
 from tests.support.signing import receipt_in
 from tests.support.waiting import PATIENCE
@@ -109,7 +109,7 @@ def test_teams_do_not_take_each_others_turns(server_on: Serving) -> None:
 def test_a_real_process_scores_as_many_as_the_quota_allows(real_server: RealServer) -> None:
     name = real_server.newcomer()
     headers = {"Authorization": f"Bearer {real_server.mint(name)}"}
-    content = private_submission()
+    content = submission_for(PRIVATE)
     address = f"{real_server.url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
     limits = httpx.Limits(max_connections=MANY)
     with httpx.Client(headers=headers, limits=limits, timeout=PATIENCE) as client:

@@ -35,7 +35,7 @@ from reverie_eval.server.store.tables import Submission
 from tests.support.flat_world import Outcome, Run
 from tests.support.forking import Beside, Forked, Surroundings
 from tests.support.killing import is_running, kill_process, scorers
-from tests.support.participants import RealServer, private_submission
+from tests.support.participants import RealServer
 from tests.support.serving import (
     GOOD,
     NO_TLS,
@@ -401,7 +401,7 @@ def crew(
 
 
 def test_of_many_files_as_many_are_scored_as_the_quota_allows(crew: Crew) -> None:
-    content = private_submission()
+    content = submission_for(PRIVATE)
     files = [content + b" " * number for number in range(MANY)]
     with ThreadPoolExecutor(MANY) as pool:
         replies = list(pool.map(lambda file: crew.upload(file, PRIVATE), files))

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from tests.support.participants import private_submission
 from tests.support.processes import TOKEN, Laptop
+from tests.support.serving import PRIVATE, submission_for
 from tests.support.signing import receipt_in
 
 OURS = """
@@ -41,7 +41,7 @@ def test_an_organiser_begins(tmp_path: Path, demo_world: Path) -> None:
     signed_in = {"REVERIE_EVAL_TOKEN": token}
 
     with desk.serving("lab") as server:
-        (tmp_path / "submit.json").write_bytes(private_submission())
+        (tmp_path / "submit.json").write_bytes(submission_for(PRIVATE))
         words = ["submit", "submit.json", "--split", "test", "--method", "First steps"]
         scored = desk.run(*words, "--server", server.url, variables=signed_in)
         assert re.search(r"\d+\.\d\d", scored.out)
@@ -49,7 +49,7 @@ def test_an_organiser_begins(tmp_path: Path, demo_world: Path) -> None:
         (theirs,) = server.get("/submissions", organiser[0]).json()
         assert theirs["team"] == "Walkers"
         assert receipt_in(theirs["receipt"]).server == "REVERIE at our lab"
-        (tmp_path / "again.json").write_bytes(private_submission(1))
+        (tmp_path / "again.json").write_bytes(submission_for(PRIVATE, seed=1))
         words[1] = "again.json"
         spent = desk.run(*words, "--server", server.url, status=2, variables=signed_in)
         assert "no submissions left" in spent.err

@@ -9,7 +9,8 @@ import pytest
 from reverie_eval.receipts import payload_of
 from reverie_eval.schemas.service import Envelope
 from tests.support.flat_world import Outcome
-from tests.support.participants import Proxy, RealServer, installed, private_submission
+from tests.support.participants import Proxy, RealServer, installed
+from tests.support.serving import PRIVATE, submission_for
 from tests.support.signing import receipt_in, with_payload
 from tests.support.terminals import ESCAPES, on_terminal
 
@@ -46,7 +47,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
 
     # A broken file: every problem at once, and nothing is spent.
     submission = Path("submit.json")
-    submission.write_bytes(broken(private_submission()))
+    submission.write_bytes(broken(submission_for(PRIVATE)))
     outcome = installed("submit", "submit.json", "--split", "test")
     first, *problems, last = outcome.err.splitlines()
     assert (outcome.status, outcome.out) == (1, "")
@@ -59,7 +60,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     assert last == "nothing was scored, and no submission used"
 
     # A good one, on a terminal on the other side of the world.
-    submission.write_bytes(private_submission())
+    submission.write_bytes(submission_for(PRIVATE))
     command = ["submit", "submit.json", "--split", "test", "--method", "Ours"]
     screen = ESCAPES.sub("", on_terminal(100, *command, variables=FAR_EAST))
     assert "sending to http://127.0.0.1:" in screen  # the progress bar
@@ -80,7 +81,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     assert "this file was already scored; no submission was used" in again.out
 
     # The network fails when the next one has been scored. The command sends it again.
-    Path("better.json").write_bytes(private_submission(1))
+    Path("better.json").write_bytes(submission_for(PRIVATE, seed=1))
     command = ["submit", "better.json", "--split", "test", "--receipt", "receipt.json"]
     with Proxy(real_server.url, "reply") as proxy:
         token = {"REVERIE_EVAL_TOKEN": real_server.mint(name)}
@@ -93,7 +94,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     assert "submissions left on test: 0; next possible at " in shown
 
     # Nothing is left: a line that says when there will be something; what was scored is still told.
-    Path("best.json").write_bytes(private_submission(2))
+    Path("best.json").write_bytes(submission_for(PRIVATE, seed=2))
     outcome = installed("submit", "best.json", "--split", "test")
     assert (outcome.status, outcome.out) == (2, "")
     assert re.fullmatch(
@@ -110,7 +111,7 @@ def test_a_number_in_a_paper_can_be_proven(
     name = real_server.newcomer()
     monkeypatch.setenv("REVERIE_EVAL_SERVER", real_server.url)
     monkeypatch.setenv("REVERIE_EVAL_TOKEN", real_server.mint(name))
-    Path("submit.json").write_bytes(private_submission())
+    Path("submit.json").write_bytes(submission_for(PRIVATE))
     command = ["submit", "submit.json", "--split", "test", "--receipt", "receipt.json"]
     assert installed(*command).status == 0
 

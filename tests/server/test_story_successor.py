@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from tests.support.participants import private_submission
 from tests.support.processes import TOKEN, Laptop
-from tests.support.serving import GOOD
+from tests.support.serving import GOOD, PRIVATE, submission_for
 
 BOARDS = [
     f"/splits/{split}/leaderboard{kind}"
@@ -23,8 +22,8 @@ def test_a_successor_takes_over(tmp_path: Path) -> None:
     token = before.run("server", "token", "add", "lab", "Ada").out.strip()
     signed_in = {"REVERIE_EVAL_TOKEN": token}
     (before.folder / "open.json").write_bytes(GOOD)
-    (before.folder / "first.json").write_bytes(private_submission(1))
-    (before.folder / "second.json").write_bytes(private_submission(2))
+    (before.folder / "first.json").write_bytes(submission_for(PRIVATE, seed=1))
+    (before.folder / "second.json").write_bytes(submission_for(PRIVATE, seed=2))
     with before.serving("lab") as server:
         for file, split in (("open", "val_unseen"), ("first", "test"), ("second", "test")):
             words = ["submit", f"{file}.json", "--split", split, "--method", file, "--publish"]
@@ -42,8 +41,8 @@ def test_a_successor_takes_over(tmp_path: Path) -> None:
         genuine = after.run("verify", receipt, "--server", server.url)
         assert "genuine" in genuine.out
         assert server.get("/splits/test", token).json()["quota"]["windows"] == quota
-        assert server.upload(token, "test", private_submission(3)).status_code == 429
-        assert server.upload(token, "test", private_submission(1)).json()["is_repeat"]
+        assert server.upload(token, "test", submission_for(PRIVATE, seed=3)).status_code == 429
+        assert server.upload(token, "test", submission_for(PRIVATE, seed=1)).json()["is_repeat"]
         organiser = TOKEN.findall(made.out)[0]
         assert len(server.get("/submissions", organiser).json()) == 3
         (first,) = [
@@ -51,4 +50,5 @@ def test_a_successor_takes_over(tmp_path: Path) -> None:
             for found in server.get("/submissions", token).json()
             if found["method"]["name"] == "first"
         ]
-        assert server.get(f"/submissions/{first}/file", token).content == private_submission(1)
+        kept = server.get(f"/submissions/{first}/file", token).content
+        assert kept == submission_for(PRIVATE, seed=1)

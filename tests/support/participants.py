@@ -16,10 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from fixtures.servers import make_folder
-from reverie_eval import GroundTruth
 from reverie_eval.client.logins import login_path
-from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.runner import run_agent
 from reverie_eval.schemas.organising import TokenKind
 from reverie_eval.schemas.service import Role
 from reverie_eval.server.audit.log import AuditLog
@@ -92,12 +89,6 @@ def real_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer
         closing(Database(load_settings(folder).database_url)) as database,
     ):
         yield RealServer(url, load_settings(folder), database, folder / "log")
-
-
-def private_submission(seed: int = 0) -> bytes:
-    """Return a sound submission for the private split of the demo world."""
-    truth = GroundTruth.load(DEMO_BUNDLES / "private" / "test.npz")
-    return json.dumps(run_agent("random", truth, seed)).encode()
 
 
 def installed(*words: str, variables: Mapping[str, str] | None = None) -> Outcome:

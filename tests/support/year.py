@@ -5,6 +5,7 @@ is moved by the test, for the server, which listens in this process, as for the 
 """
 
 import base64
+import json
 import re
 import shutil
 import threading
@@ -29,10 +30,9 @@ from reverie_eval.server.http.runtime import MOST_JOINING
 from reverie_eval.server.opening import open_server
 from reverie_eval.server.run import configuration, listen, url_of
 from reverie_eval.server.settings import load_settings
-from tests.support.participants import private_submission
 from tests.support.plain_sql import Stored, stored
 from tests.support.processes import TOKEN, Laptop
-from tests.support.serving import NO_TLS, PRIVATE, broken_private, with_arrays
+from tests.support.serving import NO_TLS, PRIVATE, broken_private, submission_for, with_arrays
 from tests.support.signing import payload_in
 from tests.support.waiting import PATIENCE, wait_until
 
@@ -162,9 +162,10 @@ class Year:
         return reply
 
     def new_file(self) -> bytes:
-        """Return a submission that nobody has sent."""
+        """Return a submission that nobody has sent, better than the one before."""
         self._serial += 1
-        return private_submission(self._serial)
+        best, lost = (json.loads(submission_for(PRIVATE, name)) for name in ("shortest", "random"))
+        return json.dumps([*best[: self._serial], *lost[self._serial :]]).encode()
 
     def upload(self, team: str, content: bytes, status: int = 201) -> str:
         """Upload for a team and publish; return the submission's id, or nothing if refused."""
@@ -328,7 +329,7 @@ def hand_over(year: Year) -> Path:
 
 
 def check(year: Year, folder: Path) -> None:
-    """Check everything that was promised, in the folder of the successor."""
+    """Check everything that was promised, in the server's folder or that of its successor."""
     found = stored(f"sqlite:///{folder / 'server.db'}")
     assert "fault" not in year.laptop.run("server", "doctor", folder).out
     check_submissions(year, found)

@@ -22,8 +22,10 @@ from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.walls import FLATTENED, HIGH, LOW, WallPiece, walls_of
 
-# Degrees: the walls are turned to the left, and the camera looks down.
-_TURN, _TILT = np.deg2rad(-24.0), np.deg2rad(50.0)
+# Degrees: how the building may be turned on the page, and how far down the camera looks; how many
+# times as large it has to be for another turn than the first.
+_TURNS, _TILT = np.deg2rad([-24.0, 24.0, 66.0, -66.0]), np.deg2rad(50.0)
+_LARGER = 1.1
 # Metres: what is smaller is left out, what begins higher above the floor, and what is larger though
 # its name does not tell what it is: stairs, beams, fences.
 _SMALL, _HANGS, _BULKY = 0.35, 0.9, 1.2
@@ -48,8 +50,11 @@ _HEIGHTS = 9
 # Points along a wall: close enough that a title on it covers one.
 _ALONG = 64
 # The greatest height, and the space around and between sheets, in units of the page; where titles
-# begin, left of all sheets; how many sheets are always in one column.
-_HIGHEST, _MARGIN, _GAP, _TITLE_LEFT, _STACKED = 560, 14, 12, 4.0, 3
+# begin, left of the sheets of a column.
+_HIGHEST, _MARGIN, _GAP, _TITLE_LEFT = 560, 14, 12, 4.0
+# Two columns are for levels that are this many times as large then, and have room for titles: so
+# many more units of the page are free left of each.
+_BETTER, _TITLE = 1.05, 16
 _FACING = np.array([0.0, -np.cos(_TILT), np.sin(_TILT)])
 """From what is drawn to the eye: to the right, away and up."""
 
@@ -71,17 +76,11 @@ class Floors:
         """Lay out the floors of a cropped map; leave so many units of the page free below them."""
         self._map, self._building = episode_map, episode_map.building
         self._is_near = episode_map.is_near
-        turn = np.array([(np.cos(_TURN), np.sin(_TURN)), (-np.sin(_TURN), np.cos(_TURN))])
-        self._axes = turn @ self._building.solids.axes
         self.levels = sorted(set(episode_map.storey[episode_map.visited].tolist()), reverse=True)
         self._floor = floors_of(episode_map.position[:, 2], episode_map.storey)
         self._ground = {level: self._ground_of(level) for level in self.levels}
         """What each level takes up, shape (n, 2): near viewpoints, and corners of rooms."""
-        corners = {
-            level: np.concatenate([self._flat(ground, up) for up in (0.0, HIGH)])
-            for level, ground in self._ground.items()
-        }
-        self._sheets = Sheets.of(corners, below)
+        self._axes, self._sheets = self._turned(below)
         self.scale = self._sheets.scale
         """Units of the page per metre."""
         self.height = self._sheets.height
@@ -93,6 +92,20 @@ class Floors:
         ground = f'<rect class="ground" width="{WIDTH}" height="{self.height:.0f}"/>'
         levels = (shape for level in self.levels for shape in self._level(level))
         return f"{ground}{''.join(levels)}"
+
+    def _turned(self, below: float) -> tuple[FloatArray, "Sheets"]:
+        """Turn the building so that it is large: return its axes on the page, and its sheets."""
+        found = []
+        for turn in _TURNS:
+            across = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+            axes = across @ self._building.solids.axes
+            corners = {
+                level: np.concatenate([_flat(ground @ axes.T, up) for up in (0.0, HIGH)])
+                for level, ground in self._ground.items()
+            }
+            found.append((axes, Sheets.of(corners, below)))
+        first, best = found[0], max(found, key=lambda each: each[1].scale)
+        return best if best[1].scale >= _LARGER * first[1].scale else first
 
     def _ground_of(self, level: int) -> FloatArray:
         is_its = (self._map.storey == level) & self._is_near
@@ -261,13 +274,8 @@ class Floors:
             return np.full((*position.shape[:-1], 2), -WIDTH)
         return self._page(position[..., :2], storey)
 
-    def _flat(self, points: FloatArray, height: float = 0.0) -> FloatArray:
-        """Project points of shape (..., 2) at a height above their floor, in metres."""
-        across, away = np.moveaxis(points @ self._axes.T, -1, 0)
-        return _flattened(across, away, height)
-
     def _page(self, points: FloatArray, level: int, height: float = 0.0) -> FloatArray:
-        return self._placed(self._flat(points, height), level)
+        return self._placed(_flat(points @ self._axes.T, height), level)
 
     def _placed(self, flat: FloatArray, level: int) -> FloatArray:
         """Put projected points where their level is on the page."""
@@ -289,6 +297,11 @@ def _is_on(box: FloatArray, points: FloatArray) -> bool:
     """
     low, high = box
     return bool(((low < points) & (points < high)).all(axis=1).any())
+
+
+def _flat(points: FloatArray, height: float) -> FloatArray:
+    """Project points to the right and away, shape (..., 2), at a height, all in metres."""
+    return _flattened(points[..., 0], points[..., 1], height)
 
 
 def _flattened(across: FloatArray, away: FloatArray, up: FloatArray | float) -> FloatArray:
@@ -327,7 +340,7 @@ class Sheets(NamedTuple):
 
     @classmethod
     def of(cls, corners: Mapping[int, FloatArray], below: float) -> Self:
-        """Stack levels, in two columns if there are many and they are larger then.
+        """Stack levels, in two columns if they are clearly larger then.
 
         Parameters
         ----------
@@ -336,33 +349,65 @@ class Sheets(NamedTuple):
         below : float
             Units of the page that stay free below the sheets.
         """
-        across = np.concatenate([each[:, 0] for each in corners.values()])
-        wide = float(np.ptp(across))
-        high = {level: float(np.ptp(each[:, 1])) for level, each in corners.items()}
-
-        def scale_of(stacks: Sequence[Sequence[int]]) -> float:
-            free = [_HIGHEST - 2 * _MARGIN - below - _GAP * (len(each) - 1) for each in stacks]
-            rows = [sum(high[level] for level in each) for each in stacks]
-            fitting = (WIDTH / len(stacks) - 2 * _MARGIN) / wide
-            return min(fitting, *(its / row for its, row in zip(free, rows, strict=True)))
-
-        numbers = (1, 2) if len(corners) > _STACKED else (1,)
-        stacks = max((_stacks(list(corners), number) for number in numbers), key=scale_of)
-        scale, width = scale_of(stacks), WIDTH / len(stacks)
-        rows = [sum(scale * high[level] + _GAP for level in each) - _GAP for each in stacks]
-        height = max(rows) + 2 * _MARGIN + below
-        origin, title_left = {}, {}
-        for column, stack in enumerate(stacks):
-            left = width * (column + 0.5) - scale * (across.min() + wide / 2)
+        columns = _largest(corners, below)
+        scale, stacks = columns.scale, columns.stacks
+        high = {level: scale * float(np.ptp(each[:, 1])) for level, each in corners.items()}
+        height = below + 2 * _MARGIN
+        height += max(sum(high[level] + _GAP for level in each) - _GAP for each in stacks)
+        wide = [scale * (last - first) for first, last in columns.across]
+        free, beside = (WIDTH - sum(wide)) / len(wide), _beside(stacks)
+        origin, title_left, left = {}, {}, 0.0
+        for stack, its_wide, (first, _) in zip(stacks, wide, columns.across, strict=True):
             foot = height - below - _MARGIN
             for level in reversed(stack):
-                origin[level] = np.array([left, foot - scale * corners[level][:, 1].max()])
-                title_left[level] = width * column + _TITLE_LEFT
-                foot -= scale * high[level] + _GAP
+                down = foot - scale * float(corners[level][:, 1].max())
+                origin[level] = np.array([left + (free + beside) / 2 - scale * first, down])
+                title_left[level] = left + _TITLE_LEFT
+                foot -= high[level] + _GAP
+            left += its_wide + free
         return cls(scale, height, origin, title_left)
 
 
-def _stacks(levels: Sequence[int], number: int) -> Sequence[Sequence[int]]:
-    """Return the levels of each column, the highest first; the lowest are in the first column."""
-    stacks: Sequence[Sequence[int]] = [each.tolist() for each in np.array_split(levels, number)]
-    return stacks[::-1]
+class _Columns(NamedTuple):
+    """Levels in columns, and how large they are."""
+
+    stacks: Sequence[Sequence[int]]
+    """The levels of each column, the highest first."""
+    scale: float
+    across: Sequence[tuple[float, float]]
+    """From where to where the levels of each column reach, metres."""
+
+    @classmethod
+    def of(
+        cls, stacks: Sequence[Sequence[int]], corners: Mapping[int, FloatArray], below: float
+    ) -> Self:
+        """Make levels as large as the page allows."""
+        across = [_reach([corners[level][:, 0] for level in each]) for each in stacks]
+        free = WIDTH - sum(2 * _MARGIN + _beside(stacks) for _ in stacks)
+        scales = [free / sum(last - first for first, last in across)]
+        for stack in stacks:
+            high = sum(float(np.ptp(corners[level][:, 1])) for level in stack)
+            scales.append((_HIGHEST - 2 * _MARGIN - below - _GAP * (len(stack) - 1)) / high)
+        return cls(stacks, min(scales), across)
+
+
+def _largest(corners: Mapping[int, FloatArray], below: float) -> _Columns:
+    """Return the columns in which levels are largest; one, if two are hardly better."""
+    levels = list(corners)
+    one = _Columns.of([levels], corners, below)
+    # The lowest levels are in the first column.
+    splits = [(levels[count:], levels[:count]) for count in range(1, len(levels))]
+    two = [_Columns.of(each, corners, below) for each in splits]
+    best = max(two, key=lambda each: each.scale, default=one)
+    return best if best.scale >= _BETTER * one.scale else one
+
+
+def _beside(stacks: Sequence[Sequence[int]]) -> float:
+    """Return the units of the page that are kept for titles left of each column."""
+    return _TITLE if len(stacks) > 1 else 0.0
+
+
+def _reach(values: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the least and the greatest of values."""
+    together = np.concatenate(values)
+    return float(together.min()), float(together.max())

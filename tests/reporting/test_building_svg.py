@@ -183,13 +183,15 @@ def test_doors_that_are_seen_are_in_outer_walls() -> None:
 @pytest.mark.parametrize(
     ("n_levels", "size", "columns"),
     [
-        pytest.param(3, (4, 10), 1, id="three"),
-        pytest.param(4, (4, 10), 2, id="four that are narrow"),
+        pytest.param(1, (4, 30), 1, id="one"),
+        pytest.param(2, (30, 10), 1, id="two that are wide"),
+        pytest.param(2, (4, 10), 2, id="two that are narrow"),
+        pytest.param(3, (4, 10), 2, id="three that are narrow"),
         pytest.param(4, (30, 4), 1, id="four that are wide"),
-        pytest.param(5, (4, 10), 2, id="five"),
+        pytest.param(5, (4, 10), 2, id="five that are narrow"),
     ],
 )
-def test_many_levels_are_in_two_columns(
+def test_levels_are_in_two_columns_if_they_are_larger_so(
     n_levels: int, size: tuple[float, float], columns: int
 ) -> None:
     corners = np.array([(0, 0), size], dtype=float)
@@ -207,6 +209,43 @@ def test_many_levels_are_in_two_columns(
         for level in range(1, n_levels)
         if sheets.title_left[level] == sheets.title_left[level - 1]
     )
+
+
+def test_a_level_is_where_it_leaves_space() -> None:
+    """Two low levels are in one column, beside a high one."""
+    high, low = np.array([(0.0, 0.0), (4.0, 20.0)]), np.array([(0.0, 0.0), (4.0, 8.0)])
+    sheets = Sheets.of({2: low, 1: low, 0: high}, below=0.0)
+    assert sheets.title_left[2] == sheets.title_left[1] != sheets.title_left[0]
+    assert sheets.scale == pytest.approx((560 - 2 * 14) / 20)
+
+
+@pytest.mark.parametrize(
+    ("sides", "is_turned"),
+    [
+        pytest.param((10.0, 10.5), False, id="hardly larger"),
+        pytest.param((4.0, 20.0), True, id="clearly larger"),
+    ],
+)
+def test_a_long_building_leads_up_the_page(
+    episode: Episode, sides: tuple[float, float], *, is_turned: bool
+) -> None:
+    """A long building is drawn alike, along whichever of its axes it is long."""
+    whole = EpisodeMap.of({"": episode})
+    axes = whole.building.solids.axes
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
+    heights = []
+    for each in (sides, sides[::-1]):
+        room = Room("", 0, [(corners * each) @ axes], math.prod(sides))
+        building = replace(
+            whole.building,
+            rooms=[room],
+            room=0 * whole.building.room,
+            storey=0 * whole.storey,
+            solids=whole.building.solids.take(np.zeros(0, dtype=np.int64)),
+        )
+        here = 0 * whole.position
+        heights.append(BuildingPicture(replace(whole, building=building, position=here)).height)
+    assert (heights[0] == pytest.approx(heights[1])) == is_turned
 
 
 def test_levels_take_up_what_they_need() -> None:

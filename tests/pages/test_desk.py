@@ -486,6 +486,13 @@ def test_a_phase_has_a_name(desk: Visitor) -> None:
     assert (page.status_code, told in said(page)) == (400, True)
 
 
+def test_a_phase_that_closes_before_it_opens_is_named_as_on_the_page(desk: Visitor) -> None:
+    times = {"name-0": "a", "opens-0": "2026-05-02", "closes-0": "2026-05-01"}
+    page = sending(desk, "/desk/phases", split=OPEN, **times)
+    told = "Phase 1: a phase must open before it closes"
+    assert (page.status_code, told in said(page)) == (400, True)
+
+
 def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:
     form = {"person": "1", "kind": "invite", "expires_at": "2026-03-01"}
     page = sending(desk, "/desk/people/tokens", **form)

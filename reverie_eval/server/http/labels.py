@@ -60,6 +60,8 @@ def field_name(where: str, labels: Mapping[str, str]) -> str:
     'Name'
     >>> field_name("phases.1.closes", {"closes-1": "Phase 2, closes"})
     'Phase 2, closes'
+    >>> field_name("phases.1", {"closes-1": "Phase 2, closes"})
+    'Phase 2'
     >>> field_name("people.0.email", {"people": "People"})
     'People, line 1, e-mail'
     """
@@ -68,6 +70,10 @@ def field_name(where: str, labels: Mapping[str, str]) -> str:
         rows, number, part = in_rows.groups()
         if f"{part}-{number}" in labels:
             return labels[f"{part}-{number}"]
+        if not part:
+            for control, label in labels.items():
+                if control.endswith(f"-{number}"):
+                    return label.partition(",")[0]  # the legend of the row's controls
         line = f"{labels.get(rows, _in_words(rows))}, line {int(number) + 1}"
         return f"{line}, {_in_words(part)}" if part else line
     name = where.rpartition(".")[2]

@@ -119,7 +119,7 @@ def _email(text: str) -> str:
     try:
         return validate_email(_bare_address(text), check_deliverability=False).normalized
     except EmailNotValidError:
-        raise ValueError("must be an e-mail address: ada@example.org") from None
+        raise ValueError("must be an e-mail address, such as ada@example.org") from None
 
 
 def _bare_address(text: str) -> str:

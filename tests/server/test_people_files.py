@@ -93,7 +93,7 @@ NOBODY = "columns: there is no column 'person'"
         pytest.param("team,person\nBlue,", ["line 2: person: required but missing"], id="no name"),
         pytest.param(
             "team,person,email\nBlue,Dora,dora",
-            ["line 2: email: must be an e-mail address: ada@example.org"],
+            ["line 2: email: must be an e-mail address, such as ada@example.org"],
             id="no address",
         ),
         pytest.param(

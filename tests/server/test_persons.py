@@ -110,7 +110,7 @@ def test_a_person_is_edited_on_the_command_line(server: Serving, run: Run) -> No
     assert run(*edit, "Adele", "--email", "").out == "Adele, Red, no e-mail address\n"
     assert run(*edit, "Adele").status == 2
     assert run(*edit, "Adele", "--email", "adele").err.endswith(
-        "email: must be an e-mail address: ada@example.org\n"
+        "email: must be an e-mail address, such as ada@example.org\n"
     )
 
 

@@ -206,6 +206,36 @@ def test_what_does_harm_is_asked_for_twice(verdict: str, desk: Visitor) -> None:
     assert f"{verdict} its answers {MARKUP}" in words
 
 
+@pytest.mark.parametrize(
+    ("change", "shown"),
+    [
+        pytest.param(
+            {"published": True},
+            "Everyone who reads the leaderboard will see: disqualified",
+            id="published",
+        ),
+        pytest.param(
+            {"published": False},
+            "The leaderboard does not show it now, because its team has not published it. Once it "
+            "is shown, everyone will see: disqualified",
+            id="not published",
+        ),
+        pytest.param(
+            {"withdrawn": True},
+            "because its team has withdrawn it. Once it is shown, everyone will see: disqualified",
+            id="withdrawn",
+        ),
+    ],
+)
+def test_a_disqualification_says_who_will_see_it(
+    change: Mapping[str, bool], shown: str, desk: Visitor
+) -> None:
+    submission = sent(desk.server)
+    desk.server.ask(OWNER, "PATCH", f"/submissions/{submission}", json=change).raise_for_status()
+    form = {"submission_id": submission, "verdict": "disqualified", "reason": "x"}
+    assert shown in said(sending(desk, "/desk/reviews", **form))
+
+
 def test_a_review_is_lifted_and_stays_on_record(desk: Visitor) -> None:
     submission_id = sent(desk.server)
     form = {"submission_id": submission_id, "verdict": "baseline", "reason": "to compare with"}

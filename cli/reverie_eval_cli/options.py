@@ -252,7 +252,7 @@ def episodes_listed(meaning: str) -> Callable[[Command], Command]:
 
 
 episodes_from = episodes_listed(
-    "Score only the episodes whose instr_ids FILE lists, one a line or as JSON."
+    "Use only the episodes whose instr_ids FILE lists, one per line or as JSON."
 )
 cluster = with_default(
     "--cluster",

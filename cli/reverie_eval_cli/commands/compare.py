@@ -54,8 +54,8 @@ _MEAN = re.compile(r"[A-Za-z_]+(=[0-9.]+%?)(,[A-Za-z_]+=[0-9.]+%?)*")
     "--against",
     multiple=True,
     metavar="METRIC=VALUE|METHOD",
-    help="Compare one submission with published means instead, in percent or metres, such as "
-    "SR=46.9 RGS=32.1, or with those of a method that are known here, such as FAST-Short.",
+    help="Compare one submission with published means instead: numbers in percent or metres, such "
+    "as SR=46.9 RGS=32.1, or those of a known method, such as FAST-Short.",
 )
 @click.option(
     "--n",

@@ -275,8 +275,8 @@ def _published(
     default=_COLUMNS,
     help="Width of the figure, in columns of a page: 3.3 or 6.9 inches.",
 )
-@options.with_default("--legend/--no-legend", default=True, help="Explain the signs of the map.")
-@click.option("--animate", is_flag=True, help="Let the walk play in its building, for 8 seconds.")
+@options.with_default("--legend/--no-legend", default=True, help="Explain the symbols of the map.")
+@click.option("--animate", is_flag=True, help="Animate the walk in its building, over 8 seconds.")
 def figure(
     *,
     words: Sequence[str],

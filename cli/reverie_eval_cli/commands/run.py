@@ -92,7 +92,7 @@ chat_options = options.grouped(
         "--max-cost",
         metavar="USD",
         type=options.Decimal(0, min_open=True),
-        help="chat: stop the run once replies have cost as much; a higher limit goes on with it.",
+        help="chat: stop the run once replies have cost this much; a higher limit continues it.",
     ),
     click.option(
         "--cache",

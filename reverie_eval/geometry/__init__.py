@@ -17,7 +17,6 @@ from reverie_eval.geometry._views import (
     WIDTH,
     Picture,
     axes,
-    degrees_between,
     degrees_off,
     is_on_grid,
     level_view,
@@ -37,13 +36,11 @@ if TYPE_CHECKING:
         Tread,
         Wall,
         door_spans,
-        find_storeys,
         floors_of,
         model_building,
     )
-    from reverie_eval.geometry._framing import OrientedBoxes, bounds_in_views, boxes_in_views
+    from reverie_eval.geometry._framing import OrientedBoxes, boxes_in_views
     from reverie_eval.geometry._kinds import BLOCK, Kind, kind_of
-    from reverie_eval.geometry._room_names import name_room
     from reverie_eval.geometry._room_views import RoomView, Seen
     from reverie_eval.geometry._shells import Face, floor_joints
     from reverie_eval.geometry._solids import Solids, sides_of
@@ -75,20 +72,16 @@ __all__ = [
     "Wall",
     "are_inside",
     "axes",
-    "bounds_in_views",
     "boxes_in_views",
     "clip_at_depth",
-    "degrees_between",
     "degrees_off",
     "door_spans",
-    "find_storeys",
     "floor_joints",
     "floors_of",
     "is_on_grid",
     "kind_of",
     "level_view",
     "model_building",
-    "name_room",
     "pixels_of",
     "polygon_overlap",
     "rays_of",
@@ -103,7 +96,7 @@ __all__ = [
 def __getattr__(name: str) -> object:
     # Scoring a file needs none of these, which take four fifths of the time to import geometry.
     for module in (
-        ("_buildings", "_framing", "_kinds", "_room_names", "_room_views", "_shells", "_solids")
+        ("_buildings", "_framing", "_kinds", "_room_views", "_shells", "_solids")
         if name in __all__
         else ()
     ):

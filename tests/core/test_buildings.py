@@ -11,11 +11,11 @@ from reverie_eval.geometry import (
     Room,
     Sightings,
     Tread,
-    find_storeys,
     model_building,
-    name_room,
 )
+from reverie_eval.geometry._buildings import find_storeys
 from reverie_eval.geometry._plans import Plan
+from reverie_eval.geometry._room_names import name_room
 
 HALL, KITCHEN = (1.0, 1.0), (11.0, 1.0)
 """The cameras in the two rooms of a house, 1.5 m above the floor, 10 m apart."""

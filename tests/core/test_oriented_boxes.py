@@ -16,11 +16,11 @@ from reverie_eval.geometry import (
     VIEW_AXES,
     WIDTH,
     OrientedBoxes,
-    bounds_in_views,
     boxes_in_views,
     pixels_of,
     world_to_camera,
 )
+from reverie_eval.geometry._framing import bounds_in_views
 
 EYE = np.zeros(3)
 WHOLE_PICTURE = (0.0, 0.0, 640.0, 480.0)

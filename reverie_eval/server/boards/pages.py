@@ -434,7 +434,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
     Reported results are among the others, without a rank. Results that are disqualified, on another
     version of the dataset, or scored under other rules are in `apart`.
     """
-    return _as_json(server, metric, split)
+    return _json_reply(server, metric, split)
 
 
 @routes.get(
@@ -444,7 +444,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
 )
 def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Return the leaderboard as CSV."""
-    return _as_csv(server, metric, split)
+    return _csv_reply(server, metric, split)
 
 
 @routes.get(
@@ -456,7 +456,7 @@ def show_named_leaderboard(
     split: SplitName, board: BoardName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Rank the submissions on another leaderboard of the split."""
-    return _as_json(server, metric, split, board)
+    return _json_reply(server, metric, split, board)
 
 
 @routes.get(
@@ -468,10 +468,10 @@ def download_named_leaderboard(
     split: SplitName, board: BoardName, server: Server, metric: SortedBy = None
 ) -> Response:
     """Return another leaderboard of the split as CSV."""
-    return _as_csv(server, metric, split, board)
+    return _csv_reply(server, metric, split, board)
 
 
-def _as_json(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
+def _json_reply(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
     board = server.board(split, name)
     with server.database.reading() as session:
         ranking = server.get(Rankings).detailed(session, board, metric)
@@ -480,7 +480,7 @@ def _as_json(server: ServerState, metric: str | None, split: str, name: str = ""
     return Response(content, media_type="application/json")
 
 
-def _as_csv(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
+def _csv_reply(server: ServerState, metric: str | None, split: str, name: str = "") -> Response:
     board = server.board(split, name)
     with server.database.reading() as session:
         ranking = server.get(Rankings).detailed(session, board, metric)

@@ -390,7 +390,7 @@ def submit_for_sender(
         if not isinstance(refusal, FAILURES):
             raise
         opening = f"{about} not scored, and no submission was used."
-        refusal.reply = _letter(file, opening, _reason(error))
+        refusal.reply = _letter(file, opening, _why_refused(error))
         raise refusal from error
     if accepted.is_repeat and accepted.submission.received_at != file.received_at:
         ignored = [*accepted.ignored, "received_at"]
@@ -403,7 +403,7 @@ def submit_for_sender(
         )
         accepted = accepted.model_copy(update={"submission": published})
     reply = _letter(
-        file, f"{about} scored on {file.split}.", *_result(accepted, server.settings.title)
+        file, f"{about} scored on {file.split}.", *_result_lines(accepted, server.settings.title)
     )
     return EmailedFileReport(**dict(accepted), reply=reply)
 
@@ -412,13 +412,13 @@ def _letter(file: EmailedFile, opening: str, *lines: str) -> str:
     return "\n".join([f"Dear {file.team},", "", opening, "", *lines])
 
 
-def _reason(error: ReverieEvalError) -> str:
+def _why_refused(error: ReverieEvalError) -> str:
     if isinstance(error, SubmissionError):
         return f"{error}\n\n`reverie-eval validate` finds the same problems before you send a file."
     return str(error)
 
 
-def _result(accepted: Accepted, server: str) -> Iterator[str]:
+def _result_lines(accepted: Accepted, server: str) -> Iterator[str]:
     submission = accepted.submission
     for name, table in result_tables(submission, server).items():
         yield from [f"On the leaderboard {name}:"] if name else []

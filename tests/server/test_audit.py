@@ -77,7 +77,7 @@ def test_the_first_entry_and_the_digest_of_a_person(database: Database) -> None:
     assert first.previous == NO_ENTRY_BEFORE
     assert named.row_digest == sha256(
         '[{"created_at":"2026-03-02T12:00:00.000000+00:00","id":1,"name":"Ada",'
-        f'"name_salt":"{salt}","role":"participant"}}]'
+        f'"name_salt":"{salt}","role":"participant","team_id":1}}]'
     )
     assert len(salt) == 32
 

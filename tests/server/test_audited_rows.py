@@ -125,6 +125,32 @@ def test_a_value_that_the_log_does_not_have_is_found(server_on: Serving) -> None
         assert list(mismatches(session)) == []
 
 
+def test_a_row_that_a_merge_moved_is_not_moved_back_unseen(server_on: Serving) -> None:
+    server_on.upload(OWNER)
+    repeat = server_on.upload(OTHER).json()["submission"]["id"]
+    person, red = server_on.person(OTHER), PEOPLE[OTHER]
+    end = (NOON + timedelta(days=1)).isoformat()
+    grant = {"team": red, "split": OPEN, "extra": 2, "reason": "A fire.", "expires_at": end}
+    merge = {"team": red, "into": PEOPLE[OWNER]}
+    for path, content in (("grants", grant), ("teams/merge", merge)):
+        assert server_on.ask(ORGANISER, "POST", f"/organiser/{path}", json=content).is_success
+    database = server_on.state.database
+    with database.reading() as session:
+        assert list(mismatches(session)) == []
+    back = {"team_id": person.team_id}
+    of_repeat = update(Submission).where(Submission.id == repeat)
+    for row, statement in (
+        (f"person:{person.id}", update(Person).where(Person.id == person.id).values(back)),
+        ("quota_grant:1", update(Grant).values(back)),
+        (f"submission:{repeat}", of_repeat.values(back)),
+        (f"submission:{repeat}", of_repeat.values(repeat="0")),
+    ):
+        with database.trying() as session:
+            session.execute(statement)
+            told = [f"{row} was changed after its last entry in the audit log"]
+            assert list(mismatches(session)) == told
+
+
 @pytest.mark.parametrize(
     "row", [f"person:{10**30}", "person:abc", "person:", "nothing:1", "fingerprint:1", ""]
 )

@@ -1,12 +1,13 @@
 """Teams and people: adding, changing, merging and listing them.
 
 A team that was merged stays as a row, because receipts and the audit log have its name. The audit
-log also has the ids of all rows that moved.
+log has an entry for each row that the merge changed.
 """
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
-from sqlalchemy import Update, exists, select, update
+from sqlalchemy import exists, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased, selectinload
 
@@ -27,8 +28,8 @@ from reverie_eval.server.store.tables import (
 )
 
 _RENAMED = "team renamed"
-_MOVED = (Person, Submission, Grant)
-"""The tables whose rows belong to a team."""
+_OfTeam: TypeAlias = Person | Submission | Grant
+"""What belongs to a team."""
 
 
 def add_team(transaction: Transaction, new: schemas.NewTeam) -> schemas.TeamReport:
@@ -82,32 +83,24 @@ def merge_teams(transaction: Transaction, new: schemas.NewMerge) -> schemas.Merg
     if team is into:
         raise ConflictError("a team cannot be merged into itself; name two teams")
     _check_names(team, into)
-    ids = {
-        table.__tablename__: session.scalars(
-            select(table.id).where(table.team_id == team.id).order_by(table.id)
-        ).all()
-        for table in _MOVED
-    }
+    moved = _rows_of(session, team)
     marked = _mark_repeats(session, team, into)
     report = schemas.MergeReport(
         team=team.name,
         into=into.name,
         people=sum(person.deleted_at is None for person in team.people),
-        submissions=len(ids[Submission.__tablename__]),
+        submissions=sum(isinstance(row, Submission) for row in moved),
         repeats=len(marked),
     )
-    for table in _MOVED:
-        _run(session, update(table).where(table.team_id == team.id).values(team_id=into.id))
-    session.expire_all()
+    for row in moved:
+        row.team_id = into.id
     team.merged_into, team.merged_at = into, transaction.now
-    transaction.record(
-        "team merged",
-        team,
-        report.team,
-        **report.model_dump(exclude={"team"}),
-        moved={name: rows for name, rows in ids.items() if rows},
-        marked=marked,
-    )
+    session.flush()
+    session.expire_all()
+    for row in dict.fromkeys([*moved, *marked]):
+        details = {"merged": report.team, "into": report.into}
+        transaction.record("changed by a merge", row, _subject_of(row, into), **details)
+    transaction.record("team merged", team, report.team, **report.model_dump(exclude={"team"}))
     return report
 
 
@@ -315,23 +308,39 @@ def _check_names(team: Team, into: Team) -> None:
         raise ConflictError(f"both teams have a person called {names}; rename one of them first")
 
 
-def _mark_repeats(session: Session, team: Team, into: Team) -> Sequence[str]:
+def _rows_of(session: Session, team: Team) -> Sequence[_OfTeam]:
+    return [
+        *session.scalars(select(Person).where(Person.team == team).order_by(Person.id)),
+        *session.scalars(select(Submission).where(Submission.team == team).order_by(Submission.id)),
+        *session.scalars(select(Grant).where(Grant.team == team).order_by(Grant.id)),
+    ]
+
+
+def _subject_of(row: _OfTeam, team: Team) -> Person | str:
+    """Return what an entry on a row is about."""
+    match row:
+        case Person():
+            return row
+        case Submission():
+            return row.id
+        case Grant():
+            return team.name
+
+
+def _mark_repeats(session: Session, team: Team, into: Team) -> Sequence[Submission]:
     """Mark the later of two submissions of each file that both teams have; return the marked."""
     first, second = aliased(Submission), aliased(Submission)
     pairs = session.execute(
-        select(first.id, first.received_at, second.id, second.received_at)
+        select(first, second)
         .join(second, (first.split == second.split) & (first.sha256 == second.sha256))
         .where(first.team_id == into.id, first.repeat == "")
         .where(second.team_id == team.id, second.repeat == "")
+        .order_by(first.id)
     ).all()
-    marked = sorted(
-        brought if known_at <= brought_at else known
-        for known, known_at, brought, brought_at in pairs
-    )
+    marked = [
+        brought if known.received_at <= brought.received_at else known for known, brought in pairs
+    ]
     for later in marked:
-        _run(session, update(Submission).where(Submission.id == later).values(repeat=later))
+        later.repeat = later.id
+    session.flush()
     return marked
-
-
-def _run(session: Session, statement: Update) -> None:
-    session.execute(statement, execution_options={"synchronize_session": False})

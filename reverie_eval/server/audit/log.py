@@ -49,9 +49,9 @@ RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one."""
 INSPECTED = "inspected"
 """The action of an organiser who reads the values of a submission's episodes."""
-_NOT_LOGGED = frozenset({"team_id", "repeat", "report", "receipt", "earlier", "boards", "envelope"})
-"""Columns that may change without an entry on their row: merging two teams is an entry on the team,
-and a revoked key on the key. Receipts and snapshots are signed, and compared with their rows."""
+_NOT_LOGGED = frozenset({"report", "receipt", "earlier", "boards", "envelope"})
+"""Columns that may change without an entry on their row, as a revoked key is an entry on the key.
+Receipts and snapshots are signed, and compared with their rows."""
 _PERSON = re.compile(r"person:([0-9]{1,9})")
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",

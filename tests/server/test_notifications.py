@@ -12,7 +12,9 @@ from datetime import UTC, datetime, timedelta
 from email import message_from_bytes, policy
 from email.message import EmailMessage
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import cycle
 from pathlib import Path
+from socketserver import BaseRequestHandler, ThreadingTCPServer
 from typing import Any
 
 import pytest
@@ -530,7 +532,7 @@ def dripping() -> Iterator[Hook]:
 def test_a_webhook_whose_headers_do_not_end_is_told_the_next_message_nevertheless(
     telling: Open, dripping: Hook, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(delivery, "SECONDS_TO_POST", 1)
+    monkeypatch.setattr(delivery, "SECONDS_TO_REPLY", 1)
     server = telling(webhook=hook_at(dripping))
     for _ in range(2):
         server.upload(OWNER, server.distinct())
@@ -538,6 +540,42 @@ def test_a_webhook_whose_headers_do_not_end_is_told_the_next_message_nevertheles
     expected = "webhook.url: 127.0.0.1 did not reply within 1 second"
     assert [each.error for each in messages(server)] == [expected] * 2
     assert dripping.events() == ["submission"] * 2
+
+
+@pytest.mark.parametrize(
+    ("first", "drip"),
+    [
+        pytest.param(b"220 ", b"x", id="a greeting without an end"),
+        pytest.param(b"220-", b"x\r\n220-", id="a greeting of lines without an end"),
+        pytest.param(b"220 here\r\n250-", b"x\r\n250-", id="a second reply without an end"),
+    ],
+)
+def test_a_mail_server_whose_reply_does_not_end_holds_up_no_job(
+    first: bytes, drip: bytes, telling: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(delivery, "SECONDS_TO_REPLY", 1)
+    is_over = threading.Event()
+
+    class Dripping(BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.sendall(first)
+            with suppress(OSError):  # the other side hangs up
+                for byte in cycle(drip):
+                    if is_over.wait(0.01):
+                        break
+                    self.request.sendall(bytes([byte]))
+
+    with ThreadingTCPServer(("127.0.0.1", 0), Dripping) as dripping:
+        thread = threading.Thread(target=dripping.serve_forever)
+        thread.start()
+        server = telling(mail=mail_to(dripping.server_address[1]))
+        server.upload(OWNER)
+        deliver_now(server)
+        is_over.set()
+        dripping.shutdown()
+        thread.join()
+    (message,) = messages(server)
+    assert message.error == "mail.host: 127.0.0.1 did not reply within 1 second"
 
 
 def test_the_doctor_tells_of_faults(

@@ -9,11 +9,12 @@ import hmac
 import smtplib
 import ssl
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from email.message import EmailMessage
 from email.utils import format_datetime, make_msgid
 from functools import partial
-from socket import gaierror
+from socket import SHUT_RDWR, gaierror
+from threading import Event, Timer
 from typing import Any
 
 import httpx
@@ -29,8 +30,9 @@ from reverie_eval.text import count_text
 
 SECONDS_TO_SEND = 10
 """How long each step may take, such as to connect."""
-SECONDS_TO_POST = 30
-"""How long a webhook may take in all; one that sends its reply byte by byte may need forever."""
+SECONDS_TO_REPLY = 30
+"""How long a webhook may take in all, and a mail server for each reply: one that sends it byte by
+byte may need forever."""
 
 SIGNATURE = "X-Reverie-Signature"
 """The header with the HMAC-SHA256 of the body, under the webhook's secret."""
@@ -129,11 +131,11 @@ def send_letter(mail: Mail, password: Callable[[], str], letter: EmailMessage) -
     """
     context = ssl.create_default_context()
     with _blaming(mail, _why_not_connected):
-        connect: Callable[..., smtplib.SMTP] = smtplib.SMTP
+        connect: Callable[..., smtplib.SMTP] = _Punctual
         if mail.security == "tls":
-            connect = partial(smtplib.SMTP_SSL, context=context)
+            connect = partial(_PunctualOverTls, context=context)
         smtp = connect(mail.host, mail.port, timeout=SECONDS_TO_SEND)
-    with smtp:
+    with closing(smtp):
         if mail.security == "starttls":
             with _blaming(mail, _why_not_encrypted):
                 smtp.starttls(context=context)
@@ -142,6 +144,41 @@ def send_letter(mail: Mail, password: Callable[[], str], letter: EmailMessage) -
                 smtp.login(mail.user, password())
         with _blaming(mail, _why_not_taken):
             smtp.send_message(letter)
+        with suppress(OSError):  # the letter is taken, whatever the reply
+            smtp.quit()
+
+
+class _LateError(smtplib.SMTPException):
+    """A reply did not end in time."""
+
+
+class _Punctual(smtplib.SMTP):
+    """A connection to a mail server that is closed if a reply does not end in time."""
+
+    def getreply(self) -> tuple[int, bytes]:
+        """Return the next reply; raise _LateError if it takes longer than SECONDS_TO_REPLY."""
+        is_late = Event()
+
+        def hang_up() -> None:
+            is_late.set()
+            if (connection := self.sock) is not None:
+                with suppress(OSError):  # the other side may have done so
+                    connection.shutdown(SHUT_RDWR)
+
+        timer = Timer(SECONDS_TO_REPLY, hang_up)
+        timer.daemon = True  # as the thread of the job: the end of the server waits for neither
+        timer.start()
+        try:
+            return super().getreply()
+        finally:
+            timer.cancel()
+            if is_late.is_set():  # what had come until then may look like a reply
+                self.close()
+                raise _LateError
+
+
+class _PunctualOverTls(_Punctual, smtplib.SMTP_SSL):
+    """A connection that begins with TLS, and is closed if a reply does not end in time."""
 
 
 @contextmanager
@@ -149,6 +186,8 @@ def _blaming(mail: Mail, why: Callable[[Mail, Exception], str]) -> Iterator[None
     """Turn errors of a step into ones that name a setting."""
     try:
         yield
+    except _LateError:
+        raise DeliveryError(f"mail.host: {_unpunctual(mail.host)}") from None
     except (OSError, ValueError) as error:  # smtplib's and TLS's are OSErrors
         reply = error.smtp_error if isinstance(error, smtplib.SMTPResponseException) else error
         text = reply.decode(errors="replace") if isinstance(reply, bytes) else str(reply)
@@ -218,6 +257,10 @@ def _untrusted(mail: Mail) -> str:
     )
 
 
+def _unpunctual(host: object) -> str:
+    return f"{host} did not reply within {count_text(SECONDS_TO_REPLY, 'second')}"
+
+
 def _paragraph(settings: Settings, message: Message) -> str:
     when = f"{message.created_at:%Y-%m-%d %H:%M} UTC"
     return f"{message.text}\n{when}, {settings.public_address}{message.path}"
@@ -241,10 +284,7 @@ def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> 
         try:
             asyncio.run(_post_one(webhook, body, headers))
         except TimeoutError:
-            raise DeliveryError(
-                f"webhook.url: {webhook.url.host} did not reply within "
-                f"{count_text(SECONDS_TO_POST, 'second')}"
-            ) from None
+            raise DeliveryError(f"webhook.url: {_unpunctual(webhook.url.host)}") from None
         except httpx.RemoteProtocolError as error:
             raise DeliveryError(
                 f"webhook.url: {webhook.url.host} does not answer as a web server does: {error}"
@@ -257,7 +297,7 @@ def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> 
 
 async def _post_one(webhook: Webhook, body: bytes, headers: Mapping[str, str]) -> None:
     async with (
-        asyncio.timeout(SECONDS_TO_POST),
+        asyncio.timeout(SECONDS_TO_REPLY),
         httpx.AsyncClient(timeout=SECONDS_TO_SEND) as client,
         # The body of the reply is not read: it may be large, or never end.
         client.stream("POST", str(webhook.url), content=body, headers=headers) as reply,

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,14 @@ def test_participants_submit_below_a_path_of_nginx(folder: Path, tmp_path: Path)
             assert 'href="/reverie/guide"' in page.text
             bare = httpx.get(address, timeout=PATIENCE, verify=NO_TLS, follow_redirects=True)
             assert str(bare.url).startswith(f"{address}/")
+            signed_in = httpx.post(  # as a browser that sends no Sec-Fetch-Site
+                f"{address}/sign-in",
+                data={"token": token},
+                headers={"Origin": f"http://127.0.0.1:{port}"},
+                timeout=PATIENCE,
+                verify=NO_TLS,
+            )
+            assert signed_in.status_code == HTTPStatus.SEE_OTHER, signed_in.text
 
 
 @contextmanager

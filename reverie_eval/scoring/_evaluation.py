@@ -5,7 +5,7 @@ first viewpoint of a nested hop, one never matches an object id that is written 
 stop at records that they do not expect. Notes say what they make of a file.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -123,7 +123,8 @@ def diagnose(
     predictions = read_predictions(submission, truth.task, truth.graph)
     whole = PreparedSubmission.of(predictions, truth)
     # Without notes on literal readings: the second scores are those.
-    return replace(whole, predictions=None).score(chosen), whole.truncated().score(chosen)
+    truncated = PreparedSubmission.truncated(predictions, truth)
+    return replace(whole, predictions=None).score(chosen), truncated.score(chosen)
 
 
 def validate(
@@ -191,13 +192,11 @@ class PreparedSubmission:
             predictions=predictions,
         )
 
-    def truncated(self) -> Self:
-        """Return the submission as read by evaluators that take only the first of each hop."""
-        if self.predictions is None:
-            return self
-        read = self.predictions.first_of_hops()
-        truncated = self.of(read, self.ground_truth, qualifier="reading:first-of-hop")
-        return replace(truncated, predictions=None)
+    @classmethod
+    def truncated(cls, predictions: Predictions, truth: GroundTruth) -> Self:
+        """Align predictions as evaluators read them that take only the first of each hop."""
+        read = predictions.first_of_hops()
+        return replace(cls.of(read, truth, qualifier="reading:first-of-hop"), predictions=None)
 
     def without_answer_hints(self) -> Self:
         """Return the submission without the hints that reveal something about the solution."""
@@ -229,10 +228,33 @@ class PreparedSubmission:
         return Scores.of(self._lookups, protocol, hints=hints, qualifier=qualifier)
 
     def _literal_reading_notes(self, protocol: Protocol) -> Iterator[str]:
-        if self.predictions is not None and self.track == "full":
-            yield from literal_reading_notes(
-                self.predictions, protocol, lambda: self.truncated().score(protocol)
-            )
+        """Yield a note if the protocol's own evaluator would read the file differently."""
+        predictions = self.predictions
+        if predictions is None or self.track != "full":
+            return
+        is_truncated = protocol.nested_hops == "first viewpoint" and predictions.has_long_hops
+        if protocol.text_ids_count:
+            if is_truncated:
+                yield (
+                    "evaluators that read only the first viewpoint of each hop give other scores, "
+                    "which `reverie-eval --diagnose` shows"
+                )
+            return
+        # Where ids are read literally and hops are not, no evaluator prints the table's scores.
+        evaluator = f"{protocol.name}'s own evaluator"
+        has_text = bool(predictions.answer_is_text.any())
+        stopping = [text for key, text in _STOPPING.items() if predictions.differences.get(key)]
+        if stopping:
+            yield f"{evaluator} ends with an error for this very file: {' and '.join(stopping)}"
+        elif len(predictions.boxes.row):
+            yield f"{evaluator} reads no boxes: answers by box are incorrect there"
+        elif is_truncated:
+            scores = self.truncated(predictions, self.ground_truth).score(protocol)
+            values = ", ".join(f"{m.label} {m.display(scores[m.key])}" for m in scores.headline)
+            reasons = " and ".join([_FIRST_ONLY, *([_NO_TEXT] if has_text else [])])
+            yield f"{evaluator} gives this very file {values}: {reasons}"
+        elif has_text:
+            yield f"{evaluator} gives this very file the same scores: {_NO_TEXT}"
 
     @cached_property
     def _lookups(self) -> Lookups:
@@ -299,47 +321,3 @@ def check_first_of_hop(name: str, task: Task) -> None:
             f"{name} has nothing to diagnose: {_NOT_DIAGNOSED[readings[name]]}; evaluators that "
             f"read only the first viewpoint of a hop are those of {others}"
         )
-
-
-def literal_reading_notes(
-    predictions: Predictions, protocol: Protocol, score_truncated: Callable[[], Scores]
-) -> Iterator[str]:
-    """Yield a note if the protocol's own evaluator would read the file differently.
-
-    ``score_truncated`` returns the scores by the first viewpoints of hops; it is called only if the
-    note states them.
-    """
-    # Where ids are read literally and hops are not, no evaluator prints the table's scores.
-    if not protocol.text_ids_count:
-        yield from _literal_scores(predictions, protocol, score_truncated)
-    elif _is_truncated(predictions, protocol):
-        yield (
-            "evaluators that read only the first viewpoint of each hop give other scores, which "
-            "`reverie-eval --diagnose` shows"
-        )
-
-
-def _literal_scores(
-    predictions: Predictions,
-    protocol: Protocol,
-    score_truncated: Callable[[], Scores],
-) -> Iterator[str]:
-    evaluator = f"{protocol.name}'s own evaluator"
-    is_truncated = _is_truncated(predictions, protocol)
-    has_text = bool(predictions.answer_is_text.any())
-    stopping = [text for key, text in _STOPPING.items() if predictions.differences.get(key)]
-    reasons = [_FIRST_ONLY] * is_truncated + [_NO_TEXT] * has_text
-    if stopping:
-        yield f"{evaluator} ends with an error for this very file: {' and '.join(stopping)}"
-    elif len(predictions.boxes.row):
-        yield f"{evaluator} reads no boxes: answers by box are incorrect there"
-    elif is_truncated:
-        scores = score_truncated()
-        values = ", ".join(f"{m.label} {m.display(scores[m.key])}" for m in scores.headline)
-        yield f"{evaluator} gives this very file {values}: {' and '.join(reasons)}"
-    elif has_text:
-        yield f"{evaluator} gives this very file the same scores: {_NO_TEXT}"
-
-
-def _is_truncated(predictions: Predictions, protocol: Protocol) -> bool:
-    return protocol.nested_hops == "first viewpoint" and predictions.has_long_hops

@@ -334,11 +334,9 @@ def unwrap_numbers(value: Any) -> tuple[Any, Fault | None]:
     return [number for number, _ in numbers], fault or first
 
 
-def is_number_as_text(value: Any) -> bool:
+def is_number_as_text(text: str) -> bool:
     """Whether a text is a number, also one in a printed tensor; a viewpoint id is neither."""
-    if not isinstance(value, str):
-        return False
-    return NUMBER_AS_TEXT.fullmatch(value) is not None or is_number(unwrap(value)[0])
+    return NUMBER_AS_TEXT.fullmatch(text) is not None or is_number(unwrap(text)[0])
 
 
 def read_printed(text: str) -> Any:

@@ -79,7 +79,7 @@ UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
         "task_heading": "f8",  # (n_items,) radians: where the agent looks at the start
     }
 )
-"""Optional public arrays that no score depends on; they are not part of the fingerprint."""
+"""Public arrays that no score depends on; they are not part of the fingerprint."""
 PUBLIC_TEXTS = frozenset({"instruction", "language"})
 """Texts that are public; the categories of targets and candidates belong to the solution."""
 _HEADER = "header"
@@ -158,8 +158,7 @@ class Bundle:
 
     def public(self) -> Self:
         """Return the bundle without the solution."""
-        known = [*PUBLIC_ARRAYS, *(UNSCORED_ARRAYS.keys() & self.arrays.keys())]
-        arrays = {name: self.arrays[name] for name in known}
+        arrays = {name: self.arrays[name] for name in (*PUBLIC_ARRAYS, *UNSCORED_ARRAYS)}
         # A digest of private annotations would let anyone check a guess of them.
         sources = {"connectivity": self.header.sources["connectivity"]}
         texts = {name: text for name, text in self.texts.items() if name in PUBLIC_TEXTS}
@@ -225,12 +224,14 @@ class Bundle:
         has_targets = _task_of(path, header).has_targets
         needed = {*SOLUTION_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
         # All of the solution or none: half of one is neither a public bundle nor one that scores.
-        is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
+        is_complete = members.keys() >= PUBLIC_ARRAYS.keys() | UNSCORED_ARRAYS.keys() and (
             needed & members.keys() in (set(), needed)
         )
         is_complete &= is_complete and set(header.episodes) <= set(members["instr_id"].tolist())
         if not is_complete or _fingerprint_of(members) != header.fingerprint:
-            raise GroundTruthError(f"{path} is damaged: its contents do not match its header")
+            raise GroundTruthError(
+                f"{path} is damaged: its contents do not match its header; compile it again"
+            )
         arrays = {name: frozen(array) for name, array in members.items()}
         return cls(header, arrays, other_splits, texts)
 

@@ -33,9 +33,9 @@ class NavigationGraph:
     """Metres along the graph from the row's viewpoint to the column's."""
     edge: BoolArray
     """Whether there is an edge from the row's viewpoint to the column's."""
-    viewpoint_rotation: FloatArray | None = None
+    viewpoint_rotation: FloatArray
     """Shape (n_viewpoints, 3, 3): from the frame of the camera that took the panorama (right, down,
-    forward) to the scan's; None if the bundle was compiled by an earlier version."""
+    forward) to the scan's."""
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
@@ -47,14 +47,13 @@ class NavigationGraph:
             viewpoint_position=arrays["viewpoint_position"],
             distance=arrays["distance"],
             edge=arrays["edge"],
-            viewpoint_rotation=arrays.get("viewpoint_rotation"),
+            viewpoint_rotation=arrays["viewpoint_rotation"],
         )
 
     def to_arrays(self) -> dict[str, Array]:
         """Return the graphs as a bundle's arrays."""
-        rotation = self.viewpoint_rotation
         return {
-            **({} if rotation is None else {"viewpoint_rotation": rotation}),
+            "viewpoint_rotation": self.viewpoint_rotation,
             "scan_id": np.array(self.scan_ids, dtype=np.str_),
             "viewpoint_id": np.array(self.viewpoint_ids, dtype=np.str_),
             "viewpoint_scan": self.viewpoint_scan,

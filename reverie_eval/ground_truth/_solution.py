@@ -121,7 +121,7 @@ class Solution:
     None if the bundle was compiled without object positions."""
     target_position: FloatArray | None
     """Shape (n_episodes, 3): the target's centre in the scan's frame, metres, inf if unknown; None
-    if the bundle was compiled without object positions, or by an earlier version."""
+    if the bundle was compiled without object positions."""
     boxes: CandidateBoxes
     path: IntArray
     """Annotated paths of the items, end to end."""

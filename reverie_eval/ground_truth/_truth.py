@@ -70,7 +70,7 @@ class Episodes:
     start: IntArray
     """The viewpoint where each episode starts."""
     heading: FloatArray
-    """The heading at which each episode starts, in radians; 0 if the bundle has none."""
+    """The heading at which each episode starts, in radians."""
     # Unpacked when needed: scoring does not read them.
     packed_instructions: Array | None = None
     packed_languages: Array | None = None
@@ -172,8 +172,6 @@ class GroundTruth:
         """Build the ground truth from a bundle's arrays: of its sample, if it declares one."""
         arrays = bundle.arrays
         item = arrays["episode_task"]
-        # Bundles of earlier versions have none, and not every dataset does.
-        heading = arrays.get("task_heading", np.zeros(len(arrays["task_start"])))
         truth = cls(
             header=bundle.header,
             graph=NavigationGraph.from_arrays(arrays),
@@ -181,7 +179,7 @@ class GroundTruth:
                 instr_ids=tuple(arrays["instr_id"].tolist()),
                 item=item,
                 start=arrays["task_start"][item],
-                heading=heading[item],
+                heading=arrays["task_heading"][item],
                 packed_instructions=bundle.texts.get("instruction"),
                 packed_languages=bundle.texts.get("language"),
             ),

@@ -119,7 +119,7 @@ def _data_url(
 
 def find_skybox(graph: NavigationGraph, viewpoint_id: str) -> Skybox | None:
     """Return the skybox of a viewpoint, if there is one."""
-    folder, rotation = os.environ.get(PANORAMAS_VARIABLE), graph.viewpoint_rotation
+    folder = os.environ.get(PANORAMAS_VARIABLE)
     viewpoint = graph.index[viewpoint_id]
     scan_id = graph.scan_of(viewpoint)
     if folder and not Path(folder).is_dir():
@@ -132,10 +132,7 @@ def find_skybox(graph: NavigationGraph, viewpoint_id: str) -> Skybox | None:
         path = DEMO_PANORAMAS / scan_id / f"{viewpoint_id}.webp"
     if not path.is_file():
         return None
-    if rotation is None:
-        warn_once("the bundle has no directions of cameras for photographs; compile it again")
-        return None
-    return Skybox(path, rotation[viewpoint].astype(np.float64))
+    return Skybox(path, graph.viewpoint_rotation[viewpoint].astype(np.float64))
 
 
 @cache

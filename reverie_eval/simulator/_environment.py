@@ -352,9 +352,7 @@ class Environment:
         if self._pictures is not None:
             folder = f"{fspath(self._pictures)}/{graph.scan_of(viewpoint)}/matterport_skybox_images"
             skybox = f"{folder}/{graph.viewpoint_ids[viewpoint]}_skybox_small.jpg"
-        rotations = graph.viewpoint_rotation
-        rotation = None if rotations is None else rotations[viewpoint]
-        return Picture(skybox, rotation, heading, elevation)
+        return Picture(skybox, graph.viewpoint_rotation[viewpoint], heading, elevation)
 
 
 def _check_direction(action: Action, heading: float, elevation: float) -> None:
@@ -427,8 +425,7 @@ class Surroundings:
         texts = self.instructions, self.languages, self._categories
         digest = hashlib.sha256(json.dumps([list(each) for each in texts]).encode())
         digest.update(self._episodes.heading.tobytes())
-        if self._graph.viewpoint_rotation is not None:
-            digest.update(self._graph.viewpoint_rotation.tobytes())
+        digest.update(self._graph.viewpoint_rotation.tobytes())
         return digest.hexdigest()
 
     @property

@@ -9,7 +9,7 @@ from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar, overlo
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray
-from reverie_eval.errors import GroundTruthError, ReverieEvalError, naming_missing_parts
+from reverie_eval.errors import ReverieEvalError, naming_missing_parts
 from reverie_eval.geometry import FIELD_OF_VIEW, HEIGHT, WIDTH, view_angles
 from reverie_eval.simulator.on_path.MatterSim import _blended, _packed, _Renderer, _sight_of
 
@@ -97,8 +97,8 @@ class Picture:
 
     skybox: str | None
     """The file; None if the environment was given no pictures."""
-    rotation: FloatArray | None
-    """Shape (3, 3), from the skybox's frame to the building's; None in old bundles."""
+    rotation: FloatArray
+    """Shape (3, 3), from the skybox's frame to the building's."""
     heading: float
     """Radians."""
     elevation: float
@@ -108,10 +108,6 @@ class Picture:
         """Return the picture, or raise what :meth:`Observation.image` raises."""
         if self.skybox is None:
             raise ReverieEvalError("no pictures here; Environment(..., pictures=folder) has them")
-        if self.rotation is None:
-            raise GroundTruthError(
-                "this ground truth has no directions of cameras; compile it again with this version"
-            )
         sight = _renderer().look(self.rotation, self.heading, self.elevation)
         return _renderer().colours(self.skybox, sight)[..., ::-1]  # not blue first
 

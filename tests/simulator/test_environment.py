@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from fixtures.demo_world.world import demo_world
-from reverie_eval import GroundTruth, GroundTruthError, ReverieEvalError, validate
+from reverie_eval import GroundTruth, ReverieEvalError, validate
 from reverie_eval.geometry import view_angles
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, Episodes
 from reverie_eval.ground_truth._bundle import pack_texts
@@ -432,7 +432,6 @@ def test_pictures_are_those_of_the_simulator(
     forget_buildings(monkeypatch)
     truth = demo_of("reverie")
     graph, here = truth.graph, int(truth.episodes.start[0])
-    assert graph.viewpoint_rotation is not None
     name, scan, pose = graph.viewpoint_ids[here], graph.scan_of(here), np.eye(4)
     pose[:3, :3], pose[:3, 3] = graph.viewpoint_rotation[here], graph.viewpoint_position[here]
     record = {"image_id": name, "included": True, "unobstructed": [False]}
@@ -487,12 +486,6 @@ def test_boxes_that_cannot_be_read_are_named(
 def test_a_folder_of_pictures_that_is_missing_is_named(truth: GroundTruth) -> None:
     with pytest.raises(ReverieEvalError, match=r"^nope: there is no such folder of pictures$"):
         Environment(truth, pictures="nope")
-
-
-def test_pictures_need_the_directions_of_cameras(truth: GroundTruth, tmp_path: Path) -> None:
-    old = replace(truth, graph=replace(truth.graph, viewpoint_rotation=None))
-    with pytest.raises(GroundTruthError, match="no directions of cameras; compile it again"):
-        Environment(old, pictures=tmp_path).reset("7_5_0").image()
 
 
 @pytest.mark.dataset

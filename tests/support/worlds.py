@@ -257,6 +257,8 @@ def ground_truth_arrays(world: World) -> Mapping[str, Array]:
         ),
         "distance": np.array([scan.routes[a].get(b, np.inf) for scan, a, b in pairs]),
         "edge": np.array([scan.has_edge(a, b) for scan, a, b in pairs]),
+        "viewpoint_rotation": np.tile(np.eye(3), (len(row), 1, 1)),
+        "task_heading": np.zeros(len(items)),
         "task_target": np.array([item.target for item in items]),
         "path": np.array([row[viewpoint_id] for item in items for viewpoint_id in item.path]),
         "path_offsets": np.cumsum([0, *(len(item.path) for item in items)]),

@@ -102,8 +102,6 @@ def instance_results(
     ------
     ReverieEvalError
         For the split test, whose episodes are never released.
-    GroundTruthError
-        If the ground truth was compiled without instructions.
     """
     if _is_private(scores):
         raise ReverieEvalError(

@@ -1,6 +1,6 @@
 """Single episodes, which of them to look at, and how all walks of a method ended."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing_extensions import Self
 
 from reverie_eval.analysis._runs import runs_of
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, row_of
-from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.errors import ProtocolError
 from reverie_eval.geometry import snap
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph, Solution
 from reverie_eval.logs import Step
@@ -67,7 +67,6 @@ class Episode:
     instr_id: str
     scan: str
     instruction: str
-    """Empty if the ground truth was compiled without instructions."""
     outcome: str
     """One of ``OUTCOMES``; empty if the protocol or track does not define them."""
     values: Mapping[str, float]
@@ -134,7 +133,7 @@ class Episode:
         """Name an object of the scan for people.
 
         Its category and its id, ``end table 12``; ``object 12`` if it is not visible from any
-        viewpoint, or the ground truth was compiled without categories of candidates.
+        viewpoint.
         """
         solution, graph = self.solution, self.graph
         rows = np.flatnonzero(solution.candidate_object == object_id)
@@ -143,8 +142,8 @@ class Episode:
         return self._name(object_id, in_scan[0]) if in_scan else f"object {object_id}"
 
     def _name(self, object_id: int, candidate: int) -> str:
-        category = _text_or_empty(lambda: self.solution.candidate_categories[candidate])
-        return f"{category_text(category) or 'object'} {object_id}"
+        category = category_text(self.solution.candidate_categories[candidate])
+        return f"{category or 'object'} {object_id}"
 
     @property
     def caption(self) -> str:
@@ -212,15 +211,15 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     return Episode(
         instr_id=instr_id,
         scan=graph.scan_of(start),
-        instruction=_text_or_empty(lambda: truth.episodes.instructions[row]),
-        outcome=_text_or_empty(lambda: scores.outcomes[row]),
+        instruction=truth.episodes.instructions[row],
+        outcome=_outcome(scores, row),
         values={key: float(column[row]) for key, column in scores.episodes.items()},
         start=graph.viewpoint_ids[start],
         trajectory=_ids(graph, poses),
         annotated_path=_ids(graph, path),
         goal_viewpoints=_ids(graph, _goal_viewpoints(scores.protocol, truth, row)),
         target_object=int(solution.target_object[row]) if truth.task.has_targets else None,
-        target_category=_text_or_empty(lambda: solution.target_categories[item]),
+        target_category=solution.target_categories[item],
         predicted_object=None if predicted == ABSTAINED else predicted,
         predicted_box=_predicted_box(submission, row),
         box_outcome=scores.box_outcomes[row],
@@ -239,11 +238,11 @@ def _predicted_box(submission: SubmissionColumns, row: int) -> PredictedBox | No
     return PredictedBox(boxes.xywh[found[0]], camera[0], int(snap(camera)[0]))
 
 
-def _text_or_empty(read: Callable[[], str]) -> str:
-    """Return a text, empty if the ground truth lacks it or the protocol does not define it."""
+def _outcome(scores: Scores, row: int) -> str:
+    """Return the outcome of an episode; empty if the protocol or track does not define it."""
     try:
-        return read()
-    except (GroundTruthError, ProtocolError):
+        return scores.outcomes[row]
+    except ProtocolError:
         return ""
 
 

@@ -81,7 +81,10 @@ UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
 )
 """Public arrays that no score depends on; they are not part of the fingerprint."""
 PUBLIC_TEXTS = frozenset({"instruction", "language"})
-"""Texts that are public; the categories of targets and candidates belong to the solution."""
+"""Texts that are public; languages only in a task of several."""
+_INSTRUCTION = "instruction"
+TARGET_TEXTS = frozenset({"target_category", "candidate_category"})
+"""Texts of the solution, if the task has target objects."""
 _HEADER = "header"
 _OTHER_SPLIT = "other_split/"
 # Less what the process's umask takes away.
@@ -227,6 +230,9 @@ class Bundle:
         is_complete = members.keys() >= PUBLIC_ARRAYS.keys() | UNSCORED_ARRAYS.keys() and (
             needed & members.keys() in (set(), needed)
         )
+        is_complete &= _INSTRUCTION in texts and (
+            texts.keys() >= TARGET_TEXTS or not TARGET_ARRAYS.keys() & members.keys()
+        )
         is_complete &= is_complete and set(header.episodes) <= set(members["instr_id"].tolist())
         if not is_complete or _fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(
@@ -247,12 +253,8 @@ def pack_texts(texts: Sequence[str]) -> Array:
     return np.frombuffer(msgspec.json.encode(texts), np.uint8)
 
 
-def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]:
+def unpack_texts(packed: Array, what: str, count: int) -> tuple[str, ...]:
     """Return the ``count`` texts that :func:`pack_texts` packed; errors call them ``what``."""
-    if packed is None:
-        raise GroundTruthError(
-            f"this ground truth was compiled without {what}; compile it again with this version"
-        )
     try:
         texts = msgspec.json.decode(packed.tobytes(), type=tuple[str, ...])
     except msgspec.DecodeError:

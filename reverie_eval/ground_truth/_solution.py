@@ -23,7 +23,7 @@ from reverie_eval.arrays import (
 )
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.geometry import N_VIEWS
-from reverie_eval.ground_truth._bundle import Bundle, unpack_texts
+from reverie_eval.ground_truth._bundle import Bundle, pack_texts, unpack_texts
 from reverie_eval.metrics import SUCCESS_DISTANCE
 
 _FURTHER = "path/"
@@ -127,6 +127,9 @@ class Solution:
     """Annotated paths of the items, end to end."""
     path_offsets: IntArray
     """Shape (n_items + 1,): where each item's path begins in ``path``."""
+    # Unpacked when needed: scoring does not read them.
+    packed_categories: Array
+    packed_candidate_categories: Array
     goal_viewpoint: IntArray | None = None
     """Annotated goals of the items, end to end; None if the task has none besides paths."""
     goal_offsets: IntArray | None = None
@@ -136,9 +139,6 @@ class Solution:
     heading and elevation in turns; None if the task does not annotate that."""
     further_paths: Mapping[str, tuple[IntArray, IntArray]] = field(default_factory=dict)
     """Other annotated paths by name, each as ``path`` and ``path_offsets``."""
-    # Unpacked when needed: scoring does not read them.
-    packed_categories: Array | None = None
-    packed_candidate_categories: Array | None = None
 
     @classmethod
     def from_bundle(cls, bundle: Bundle) -> "Solution | None":
@@ -148,7 +148,8 @@ class Solution:
         arrays = bundle.arrays
         item = arrays["episode_task"]
         item_goal = arrays["path"][last_of(arrays["path_offsets"])]
-        targets = arrays if "task_target" in arrays else _without_targets(len(item_goal))
+        has_targets = "task_target" in arrays
+        targets = {**arrays, **bundle.texts} if has_targets else _without_targets(len(item_goal))
         position = arrays.get("target_position")
         return cls(
             target_object=targets["task_target"][item],
@@ -165,6 +166,8 @@ class Solution:
             ),
             path=arrays["path"],
             path_offsets=arrays["path_offsets"],
+            packed_categories=targets["target_category"],
+            packed_candidate_categories=targets["candidate_category"],
             goal_viewpoint=arrays.get("goal_viewpoint"),
             goal_offsets=arrays.get("goal_offsets"),
             goal_outline=arrays.get("goal_outline"),
@@ -173,8 +176,6 @@ class Solution:
                 for name, path in arrays.items()
                 if name.startswith(_FURTHER)
             },
-            packed_categories=bundle.texts.get("target_category"),
-            packed_candidate_categories=bundle.texts.get("candidate_category"),
         )
 
     def take(self, rows: IntArray) -> "Solution":
@@ -189,24 +190,12 @@ class Solution:
 
     @cached_property
     def target_categories(self) -> tuple[str, ...]:
-        """The annotated category of each item's target; empty if it has none.
-
-        Raises
-        ------
-        GroundTruthError
-            If the bundle has no categories.
-        """
+        """The annotated category of each item's target; empty if it has none."""
         return unpack_texts(self.packed_categories, "categories", len(self.path_offsets) - 1)
 
     @cached_property
     def candidate_categories(self) -> tuple[str, ...]:
-        """The annotated category of each candidate.
-
-        Raises
-        ------
-        GroundTruthError
-            If the bundle has none.
-        """
+        """The annotated category of each candidate."""
         packed, count = self.packed_candidate_categories, len(self.candidate_object)
         return unpack_texts(packed, "categories of candidates", count)
 
@@ -306,7 +295,7 @@ class Solution:
 
 
 def _without_targets(n_items: int) -> Mapping[str, Array]:
-    """Return the arrays of targets and candidates for a task that has none."""
+    """Return the arrays and texts of targets and candidates for a task that has none."""
     nothing = np.zeros(0, dtype=np.int64)
     return {
         "task_target": np.full(n_items, NO_TARGET),
@@ -315,6 +304,8 @@ def _without_targets(n_items: int) -> Mapping[str, Array]:
         "box_candidate": nothing,
         "box_view": nothing,
         "box_xywh": nothing.reshape(0, 4),
+        "target_category": pack_texts([""] * n_items),
+        "candidate_category": pack_texts([]),
     }
 
 

@@ -72,7 +72,7 @@ class Episodes:
     heading: FloatArray
     """The heading at which each episode starts, in radians."""
     # Unpacked when needed: scoring does not read them.
-    packed_instructions: Array | None = None
+    packed_instructions: Array
     packed_languages: Array | None = None
     taken_from: "tuple[Episodes, IntArray] | None" = None
     """The episodes from which some were taken, and the rows of these."""
@@ -82,17 +82,11 @@ class Episodes:
         instr_ids = tuple(self.instr_ids[row] for row in rows)
         public = self.item[rows], self.start[rows], self.heading[rows]
         # Texts are taken only when they are read: most subsets are only scored.
-        return Episodes(instr_ids, *public, taken_from=(self, rows))
+        return Episodes(instr_ids, *public, self.packed_instructions, taken_from=(self, rows))
 
     @cached_property
     def instructions(self) -> tuple[str, ...]:
-        """The instruction of each episode.
-
-        Raises
-        ------
-        GroundTruthError
-            If the bundle has none.
-        """
+        """The instruction of each episode."""
         if self.taken_from:
             whole, rows = self.taken_from
             return tuple(whole.instructions[row] for row in rows)
@@ -180,7 +174,7 @@ class GroundTruth:
                 item=item,
                 start=arrays["task_start"][item],
                 heading=arrays["task_heading"][item],
-                packed_instructions=bundle.texts.get("instruction"),
+                packed_instructions=bundle.texts["instruction"],
                 packed_languages=bundle.texts.get("language"),
             ),
             solution=Solution.from_bundle(bundle),
@@ -324,7 +318,7 @@ class GroundTruth:
         Raises
         ------
         GroundTruthError
-            If the bundle has no categories, or is public.
+            If the bundle is public.
         ProtocolError
             If the task has no target objects.
         """

@@ -5,7 +5,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from reverie_eval.errors import GroundTruthError
 from reverie_eval.geometry import Building, RoomView, Seen, Sightings, model_building
 from reverie_eval.ground_truth import CandidateBoxes, NavigationGraph, Solution
 from reverie_eval.text import category_text
@@ -50,15 +49,11 @@ def _model(graph: NavigationGraph, solution: Solution, scan: str) -> Building:
     boxes = slice(*np.searchsorted(solution.boxes.candidate, [first, last]))
     candidates = slice(int(first), int(last))
     distance = solution.candidate_distance
-    try:
-        names = solution.candidate_categories[candidates]
-    except GroundTruthError:  # compiled without them
-        names = ("",) * (last - first)
     seen = Sightings.of_boxes(
         viewpoint=solution.candidate_viewpoint[candidates] - viewpoints[0],
         object_id=solution.candidate_object[candidates],
         distance=np.full(last - first, np.inf) if distance is None else distance[candidates],
-        names=list(map(category_text, names)),
+        names=list(map(category_text, solution.candidate_categories[candidates])),
         row=solution.boxes.candidate[boxes] - first,
         view=solution.boxes.view[boxes],
         xywh=solution.boxes.xywh[boxes],

@@ -119,8 +119,6 @@ class Plots:
         ------
         ProtocolError
             If there is no such grouping.
-        GroundTruthError
-            If the ground truth was compiled without what the grouping needs.
         """
         table = self.scores.breakdown(by, intervals=True)
         # The largest ones: in small groups, scores are chance.

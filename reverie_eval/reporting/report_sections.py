@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reverie_eval.analysis import GROUPINGS, Comparison, Grouping, logged
-from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.errors import ProtocolError
 from reverie_eval.logs import cost_name
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting.charts import Histogram, WalkLengths, budget_chart
@@ -239,7 +239,7 @@ def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]
             continue
         try:
             table = breakdown_by(scores, grouping)
-        except (GroundTruthError, ProtocolError) as error:
+        except ProtocolError as error:
             notes.append(f"No breakdown by {grouping.key}: {error}.")
         else:
             tables += [table] if len(table.rows) > 1 else []

@@ -121,8 +121,6 @@ class Scored(Mapping[str, float]):
         ProtocolError
             If there is no such grouping, it needs something that the track does not score or the
             task does not have, or a Series has no group for some episodes.
-        GroundTruthError
-            If the ground truth was compiled without instructions or categories that it needs.
         """
         from reverie_eval.analysis import breakdown
 

@@ -12,7 +12,6 @@ from typing_extensions import Self
 
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.errors import (
-    GroundTruthError,
     LogError,
     Problem,
     ProtocolError,
@@ -229,7 +228,7 @@ class Scores(Scored):
         """What is known of each episode besides its values, by column.
 
         The columns are ``outcome``, ``box_outcome``, ``scan``, ``category``, ``language`` and
-        ``instruction``, without those that the protocol does not define or the ground truth lacks.
+        ``instruction``, without those that the protocol or the task does not define.
         """
         truth = self.ground_truth
         # Read one by one, because any of them may be missing.
@@ -244,7 +243,7 @@ class Scores(Scored):
         found = {}
         for name, read in columns.items():
             # A column that cannot be read is left out, so that a table has what there is.
-            with suppress(GroundTruthError, ProtocolError):
+            with suppress(ProtocolError):
                 found[name] = read()
         return found
 
@@ -342,8 +341,6 @@ class Scores(Scored):
         ------
         ProtocolError
             If no word is given, or no instruction has them all.
-        GroundTruthError
-            If the ground truth was compiled without instructions.
         """
         instructions = self.ground_truth.episodes.instructions
         return self.subset(find_words(words, dict(zip(self.instr_ids, instructions, strict=True))))

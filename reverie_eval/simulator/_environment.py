@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.errors import ActionError, GroundTruthError, ReverieEvalError
+from reverie_eval.errors import ActionError, ReverieEvalError
 from reverie_eval.geometry import N_VIEWS, snap
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
@@ -404,11 +404,8 @@ class Surroundings:
 
     @cached_property
     def instructions(self) -> Sequence[str]:
-        """The instruction of each episode; empty if the bundle was compiled without them."""
-        try:
-            return self._episodes.instructions
-        except GroundTruthError:
-            return [""] * len(self._episodes.instr_ids)
+        """The instruction of each episode."""
+        return self._episodes.instructions
 
     @cached_property
     def languages(self) -> Sequence[str]:
@@ -468,17 +465,14 @@ class Surroundings:
         boxes = self._solution.boxes
         for row, its in self._solution.visible_from(viewpoint):
             object_id = int(self._solution.candidate_object[row])
-            name = self._categories[row] if self._categories else ""
+            name = self._categories[row]
             yield MatterSim.Candidate(
                 object_id, name, boxes.view[its].tolist(), boxes.xywh[its].tolist()
             )
 
     @cached_property
     def _categories(self) -> Sequence[str]:
-        try:
-            return self._solution.candidate_categories if self._solution else ()
-        except GroundTruthError:  # compiled without them
-            return ()
+        return self._solution.candidate_categories if self._solution else ()
 
 
 def _read_boxes(boxes: str | PathLike[str], graph: NavigationGraph) -> MatterSim.Objects:

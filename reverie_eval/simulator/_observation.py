@@ -158,7 +158,6 @@ class Observation:
     """
 
     instruction: _Noted[str] = _Noted("instruction")
-    """Empty if the ground truth was compiled without instructions."""
     language: str
     """The language of the instruction, such as ``en-US``; empty in a task of one language."""
     scan_id: str

@@ -179,7 +179,9 @@ def test_another_release_s_bundle_judges_nothing(run: Run, monkeypatch: pytest.M
     """A bundle of the same split with other data would find problems that are none."""
     Path("bundles").mkdir()
     other = Bundle.load(DEMO_BUNDLES / "train.npz")
-    bundle = Bundle.build("test", "custom", other.header.sources, other.arrays, {})
+    bundle = Bundle.build(
+        "test", "custom", other.header.sources, other.arrays, {}, texts=other.texts
+    )
     bundle.public().save(Path("bundles/test.public.npz"))
     monkeypatch.setenv("REVERIE_EVAL_GROUND_TRUTH", "bundles")
     outcome = run(*SUBMIT)

@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Scores, evaluate
+from reverie_eval import GroundTruth, ProtocolError, Scores, evaluate
 from reverie_eval.analysis import GROUPINGS, GroupingKey
 from reverie_eval.analysis._breakdown import level_in
-from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.metrics.engine import IntervalEngine
 from reverie_eval.scoring import clusters_of
 from tests.conftest import SAMPLES
@@ -292,13 +291,6 @@ def test_groupings_that_are_not_possible(scores: Scores) -> None:
         scores.breakdown("room")
     with pytest.raises(ProtocolError, match="unknown grouping 'words2'; did you mean words"):
         scores.breakdown("words2")
-    bundle = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")
-    without = GroundTruth.from_bundle(Bundle(bundle.header, bundle.arrays))
-    old = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=without)
-    with pytest.raises(GroundTruthError, match="compiled without categories; compile it again"):
-        old.breakdown("category")
-    with pytest.raises(GroundTruthError, match="compiled without instructions"):
-        old.breakdown("words")
     grounding = evaluate(SAMPLES / "good.json", split="val_unseen", track="grounding")
     with pytest.raises(
         ProtocolError, match=r"^this track ignores trajectories, so there are no jumps$"

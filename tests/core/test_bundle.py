@@ -326,12 +326,23 @@ def test_the_fingerprint_does_not_depend_on_texts(bundle: Bundle) -> None:
     "packed", [b"", b"[", b'["one"]', b"[1]", b"\xff"], ids=["nothing", "cut", "few", "no", "bytes"]
 )
 def test_damaged_texts_raise_an_error_when_read(bundle: Bundle, packed: bytes) -> None:
-    texts = {"instruction": np.frombuffer(packed, np.uint8)}
+    damaged = np.frombuffer(packed, np.uint8)
+    texts = {**bundle.texts, "instruction": damaged, "target_category": damaged}
     truth = GroundTruth.from_bundle(replace(bundle, texts=texts))
     with pytest.raises(GroundTruthError, match="instructions of this ground truth are damaged"):
         _ = truth.episodes.instructions
-    with pytest.raises(GroundTruthError, match="compiled without categories"):
+    with pytest.raises(GroundTruthError, match="categories of this ground truth are damaged"):
         _ = truth.require_solution().target_categories
+
+
+@pytest.mark.parametrize("name", ["instruction", "target_category", "candidate_category"])
+def test_a_bundle_without_some_of_its_texts_is_not_complete(
+    bundle: Bundle, name: str, tmp_path: Path
+) -> None:
+    texts = {each: text for each, text in bundle.texts.items() if each != name}
+    replace(bundle, texts=texts).save(tmp_path / "bundle.npz")
+    with pytest.raises(GroundTruthError, match=r"is damaged: .*; compile it again$"):
+        Bundle.load(tmp_path / "bundle.npz")
 
 
 def test_the_bytes_of_a_public_bundle_do_not_depend_on_answers(

@@ -214,6 +214,7 @@ def test_what_others_wrote_is_escaped(open_server: OpenServer, folder: Path) -> 
     bundle = Bundle.load(path)
     truth = rv.GroundTruth.load(path)
     texts = {
+        **bundle.texts,
         "instruction": pack_texts([MARKUP] * len(truth.episodes.instr_ids)),
         "target_category": pack_texts([MARKUP] * (len(truth.require_solution().path_offsets) - 1)),
     }

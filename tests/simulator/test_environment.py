@@ -495,7 +495,9 @@ def test_neighbours_appear_in_the_views_of_a_sweep_on_the_original(
     """Up to 10 micrometres: the original rounds positions to float32."""
     truth = GroundTruth.load(published_bundles / "val_seen.npz")
     ids = truth.graph.viewpoint_ids
-    everywhere = Episodes(ids, np.arange(len(ids)), np.arange(len(ids)), np.zeros(len(ids)))
+    everywhere = Episodes(
+        ids, np.arange(len(ids)), np.arange(len(ids)), np.zeros(len(ids)), pack_texts(ids)
+    )
     environment = Environment(replace(truth, episodes=everywhere))
     compared = 0
     for scan, ix, found in islice(expected(), None if is_evidence() else 300):

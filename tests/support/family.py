@@ -17,7 +17,7 @@ from reverie_eval.ground_truth import Bundle
 from tests.conftest import unavailable
 from tests.support.oracle import Predictions, World
 from tests.support.sharing import shared_folder
-from tests.support.worlds import SPLIT, ground_truth_arrays
+from tests.support.worlds import SPLIT, ground_truth_arrays, instructions_of
 
 LENGTHS_WITHIN = 1e-9
 """Metres, and fractions of lengths: the published evaluators add up in another order."""
@@ -130,7 +130,10 @@ def world_of_task(world: World, task: str) -> GroundTruth:
         for name, array in ground_truth_arrays(world).items()
         if not name.startswith(("task_target", "candidate", "box"))
     }
-    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, task=task))
+    texts = instructions_of(world)
+    return GroundTruth.from_bundle(
+        Bundle.build(SPLIT, "custom", {}, arrays, {}, texts=texts, task=task)
+    )
 
 
 def walks_of(predictions: Predictions) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 from reverie_eval import GroundTruth
 from reverie_eval.ground_truth import Bundle
 from tests.support.oracle import Item, World
-from tests.support.worlds import SPLIT, ground_truth_arrays
+from tests.support.worlds import SPLIT, ground_truth_arrays, instructions_of
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,10 @@ def truth_of(world: World, regions: Sequence[Region]) -> GroundTruth:
             name: np.array([row[it] for each in lists for it in each]),
             offsets: np.cumsum([0, *map(len, lists)]),
         }
-    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, task="ndh"))
+    texts = instructions_of(world)
+    return GroundTruth.from_bundle(
+        Bundle.build(SPLIT, "custom", {}, arrays, {}, texts=texts, task="ndh")
+    )
 
 
 def random_region(random: Random, world: World, item: Item) -> Region:

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from reverie_eval import GroundTruth, Scores, evaluate
 from reverie_eval.arrays import Array
 from reverie_eval.dataset import DatasetFiles, compile_split
-from reverie_eval.ground_truth import Bundle
+from reverie_eval.ground_truth import Bundle, pack_texts
 from tests.support.drawings import fields_of, random_box, random_drawing
 from tests.support.oracle import (
     Item,
@@ -40,6 +40,7 @@ from tests.support.oracle import (
 
 SPLIT = "val_unseen"
 OBJECT_POSITIONS = "objpos.json"
+_INSTRUCTION = "go there"
 
 Record = dict[str, Any]
 
@@ -220,7 +221,17 @@ def ground_truth_of(world: World) -> GroundTruth:
 def ground_truth_by_hand(world: World) -> GroundTruth:
     """Lay out a world's bundle with what the oracle says, and take it for ground truth."""
     arrays = ground_truth_arrays(world)
-    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}))
+    texts = instructions_of(world) | {
+        "target_category": pack_texts([""] * len(world.items)),
+        "candidate_category": pack_texts([""] * len(arrays["candidate_object"])),
+    }
+    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, texts=texts))
+
+
+def instructions_of(world: World) -> dict[str, Array]:
+    """Return the texts of a world's bundle that are public."""
+    count = sum(item.instructions for item in world.items)
+    return {"instruction": pack_texts([_INSTRUCTION] * count)}
 
 
 def ground_truth_arrays(world: World) -> Mapping[str, Array]:
@@ -296,7 +307,7 @@ def _annotation(item: Item) -> Record:
         "id": item.item_id,
         "objId": item.target,
         "path": item.path,
-        "instructions": ["go there"] * item.instructions,
+        "instructions": [_INSTRUCTION] * item.instructions,
     }
 
 

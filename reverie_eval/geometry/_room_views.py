@@ -58,6 +58,10 @@ _NEVER_HUNG = ("cushion", "bag", "books", "bottle", "bowl")
 _FARTHEST_HUNG = 1.6
 # Metres from what hangs highest to the ceiling, and from a camera to the highest ceiling.
 _OVER, _HIGHEST = 0.12, 5.0
+# Pixels from a box to the edge of a view that cuts it, at most; forms that reach down to the floor
+# then, though they may also hang.
+_CUT = 2.0
+_REACHING = ("cabinet", "shelves")
 # The part of a box that lies within another if its object lies in front.
 _WITHIN = 0.8
 
@@ -102,6 +106,7 @@ class RoomView:
         seen = self._seen = Seen(*(column[is_known] for column in seen))
         rows = np.searchsorted(solids.object_id, seen.object_id)
         boxes = self._camera.position, seen.view, seen.xywh
+        self._is_cut = self._cut(solids.take(rows))
         known = self._stood(solids.take(rows).fitted(*boxes))
         is_unseen = (solids.room == room) & (room >= 0)
         is_unseen[rows] = False
@@ -114,7 +119,8 @@ class RoomView:
         self._unseen = unseen.take(self._is_carried(unseen, known))
         known = self._supported(known).fitted(*boxes)
         self._camera = self._camera._replace(rise=self._rise(known))
-        self.fitted = self._stood(known).trimmed(self._camera.floor, self._camera.ceiling)
+        known = self._reaching(self._stood(known))
+        self.fitted = known.trimmed(self._camera.floor, self._camera.ceiling).narrowed()
         """The solids of the objects that are seen, in their order."""
         hung = [each.take(each.supports == "wall").centre[:, :2] for each in self._groups]
         self._shell.finish(self._camera, np.vstack(hung))
@@ -146,7 +152,7 @@ class RoomView:
         floor, ceiling = self._camera.floor + high, self._camera.ceiling - high
         centre[:, 2] = np.where(stands, floor, np.where(hangs, ceiling, centre[:, 2]))
         moved = replace(solids, centre=centre)
-        return moved.trimmed(self._camera.floor, self._camera.ceiling)
+        return moved.trimmed(self._camera.floor, self._camera.ceiling).narrowed()
 
     def _hung_as_it_is(self, solids: Solids) -> Solids:
         """Move what has no box here, and hangs on walls, to those behind it, as large as it is.
@@ -173,7 +179,23 @@ class RoomView:
         most = np.where(stands, to_floor, np.minimum(to_floor, to_ceiling))
         share = np.minimum(np.clip(share, _NEARER, _FARTHER), most)
         share = np.where(solids.supports == "wall", 1.0, share)
-        return solids.moved(camera.position, share)
+        return solids.moved(camera.position, np.where(self._is_cut, np.minimum(share, 1.0), share))
+
+    def _reaching(self, solids: Solids) -> Solids:
+        """Let what belongs on the floor reach it, if the lower edge of a view cuts its box."""
+        centre, half = solids.centre.copy(), solids.half.copy()
+        top = centre[:, 2] + half[:, 2]
+        reaches = self._is_cut & (top > self._camera.floor)
+        centre[:, 2] = np.where(reaches, (top + self._camera.floor) / 2, centre[:, 2])
+        half[:, 2] = np.where(reaches, (top - self._camera.floor) / 2, half[:, 2])
+        return replace(solids, centre=centre, half=half)
+
+    def _cut(self, solids: Solids) -> BoolArray:
+        """Whether each seen object stands on the floor, but its view shows no foot: shape (n,)."""
+        foot = self._seen.xywh[:, 1].astype(np.float64) + self._seen.xywh[:, 3]
+        reaches = np.isin([kind_of(name).form for name in solids.names], _REACHING)
+        reaches &= self._seen.view < 2 * N_HEADINGS  # others show nothing below the horizon
+        return np.asarray((foot >= HEIGHT - _CUT) & ((solids.supports == "floor") | reaches))
 
     def _hung(self, solids: Solids) -> Solids:
         """Move what hangs on walls to the wall behind it."""
@@ -182,11 +204,12 @@ class RoomView:
     def _on_walls(self, solids: Solids, hangs: BoolArray) -> Solids:
         share, back = self._shell.behind(solids.centre[:, :2])
         moved = solids.moved(self._camera.position, np.where(hangs, share, 1.0))
-        return moved.turned(np.where(hangs, back, solids.back))
+        return moved.turned(np.where(hangs, back, solids.back)).flattened()
 
     def _supported(self, solids: Solids) -> Solids:
         """Move what nothing carries to the floor or the wall that is behind it, what is nearer."""
         is_loose = (solids.supports == "anywhere") & ~self._carriers(solids).any(axis=1)
+        is_loose &= ~self._is_cut
         below = self._camera.position[2] - solids.centre[:, 2] + solids.half[:, 2]
         to_floor = CAMERA_HEIGHT / np.maximum(below, NEAREST)
         to_wall, _ = self._shell.behind(solids.centre[:, :2])

@@ -159,6 +159,19 @@ class Solids:
         half[is_across, :2] = half[is_across, 1::-1]
         return replace(self, half=half, back=back)
 
+    def flattened(self) -> Self:
+        """Make what hangs on walls as thin as it was before it was moved away from a camera."""
+        half, rows = self.half.copy(), np.flatnonzero(self.supports == "wall")
+        half[rows, self.back[rows] % 2] = _THIN
+        return replace(self, half=half)
+
+    def narrowed(self) -> Self:
+        """Make chairs no wider than they are high."""
+        is_chair = np.array([kind_of(name).form == "chair" for name in self.names], dtype=bool)
+        half = self.half.copy()
+        half[is_chair, :2] = np.minimum(half[is_chair, :2], half[is_chair, 2:])
+        return replace(self, half=half)
+
     def corners(self) -> FloatArray:
         """Return the corners of the boxes, shape (n, 8, 3)."""
         return np.asarray(self.centre[:, None] + (_CORNERS * self.half[:, None]) @ self.frame)

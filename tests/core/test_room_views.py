@@ -311,9 +311,39 @@ def test_what_hangs_on_a_wall_looks_so(
 
 
 def test_chairs_are_not_wider_than_high() -> None:
-    """A wide one is partly hidden; but its box in a view is filled."""
+    """A wide one is partly hidden; in a view, nothing tells how much of it."""
     chair = solids(["chair"], [(0.0, 1.0, 0.2)], size=0.9)
     assert 2 * chair.half[0, :2].max() == pytest.approx(max(0.5, 2 * chair.half[0, 2]))
+    seen = seen_box(NORTH, 100, 300, 440, 60)
+    (half,) = room_view(NORTH, chair, seen).fitted.half
+    assert half[:2].max() == pytest.approx(half[2])
+
+
+@pytest.mark.parametrize(
+    ("name", "view", "height", "reaches"),
+    [
+        pytest.param("armchair", NORTH, 178, True, id="armchair"),
+        pytest.param("armchair", NORTH, 177, False, id="not cut"),
+        pytest.param("cabinet", NORTH, 178, True, id="cabinet"),
+        pytest.param("cabinet", NORTH + 12, 178, False, id="above the horizon"),
+        pytest.param("vase", NORTH, 178, False, id="may stand on something"),
+    ],
+)
+def test_what_the_lower_edge_of_a_view_cuts_reaches_the_floor(
+    name: str, view: int, height: int, *, reaches: bool
+) -> None:
+    """It stays as far away as it is, instead of where its lower edge would meet the floor."""
+    seen = seen_box(view, 300, 300, 60, height)
+    fitted = room_view(NORTH, solids([name], [(0.0, 1.2, 0.9)]), seen).fitted
+    bottom = fitted.centre[0, 2] - fitted.half[0, 2]
+    away = float(np.hypot(*fitted.centre[0, :2]))
+    assert (bottom == pytest.approx(0.0, abs=0.01) and away < 1.5) == reaches
+
+
+def test_a_picture_is_thin_however_far_its_wall_is() -> None:
+    seen = seen_box(NORTH, 100, 100, 100, 100)
+    fitted = room_view(NORTH, solids(["picture"], [(-1.0, 1.0, 1.8)]), seen).fitted
+    assert fitted.half[0].min() == pytest.approx(0.03)
 
 
 def test_a_picture_is_level_and_shows_what_is_important() -> None:

@@ -1,7 +1,7 @@
 """Helpers for wording: counts, lists, names, times, and the words of an instruction."""
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from typing import TypeVar
 
@@ -98,6 +98,28 @@ def short_digest(digest: str) -> str:
     '2cf24dba5fb0'
     """
     return digest[:12]
+
+
+def changes(before: Mapping[str, object], now: Mapping[str, object]) -> Sequence[str]:
+    """Return a text for each value that is another now.
+
+    Examples
+    --------
+    >>> changes({"seed": 0, "task": "reverie"}, {"seed": 1, "task": "reverie", "option rnn": "gru"})
+    ['seed: 0, now 1', 'option rnn: not given, now gru']
+    """
+    return [
+        f"{title}: {_shown(before, title)}, now {_shown(now, title)}"
+        for title in [*now, *(each for each in before if each not in now)]
+        if _shown(before, title) != _shown(now, title)
+    ]
+
+
+def _shown(values: Mapping[str, object], title: str) -> str:
+    """Return a value as text; of a SHA-256, as much as a signature has."""
+    value = values.get(title, "not given")
+    text = "none" if value in (None, "") else str(value)
+    return short_digest(text) if re.fullmatch("[0-9a-f]{64}", text) else text
 
 
 def whole_letters(text: str) -> str:

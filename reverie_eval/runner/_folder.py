@@ -6,10 +6,9 @@ The card has the run's identity and circumstances; the logs have a line for each
 import ast
 import inspect
 import os
-import re
 import textwrap
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from itertools import pairwise
@@ -35,7 +34,7 @@ from reverie_eval.logs import (
     total_usage,
 )
 from reverie_eval.processes import locked_folder
-from reverie_eval.text import count_text, first_few, short_digest
+from reverie_eval.text import changes, count_text, first_few
 
 _LOGS = (EPISODES, STEPS)
 SCHEMA_VERSION = 1
@@ -86,13 +85,15 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     reverie_eval: str
     """The version that showed the observations."""
 
-    def differences(self, begun: "Identity") -> Iterable[str]:
-        """Yield a line for each thing that was different when the run was begun."""
-        mine, its = _by_title(self), _by_title(begun)
-        for title in [*mine, *(each for each in its if each not in mine)]:
-            now, was = mine.get(title, "not given"), its.get(title, "not given")
-            if now != was:
-                yield f"{title}: {was}, now {now}"
+    def by_title(self) -> Mapping[str, Any]:
+        """Return all values, by titles that messages can have."""
+        plain = msgspec.to_builtins(self)
+        options, limits = plain.pop("options"), plain.pop("limits")
+        return {
+            **{_TITLES.get(name, name): value for name, value in plain.items()},
+            **{f"option {name}": value for name, value in options.items()},
+            **{f"limit of {name}": value for name, value in limits.items()},
+        }
 
 
 class Circumstance(msgspec.Struct, frozen=True, kw_only=True):
@@ -203,24 +204,6 @@ _TITLES: Mapping[str, str] = MappingProxyType(
     }
 )
 """What fields are called in messages, if not by their name."""
-
-
-def _by_title(identity: Identity) -> Mapping[str, str]:
-    """Return the values of an identity as texts, by titles that messages can have."""
-    plain = msgspec.to_builtins(identity)
-    options, limits = plain.pop("options"), plain.pop("limits")
-    values = {
-        **{_TITLES.get(name, name): value for name, value in plain.items()},
-        **{f"option {name}": value for name, value in options.items()},
-        **{f"limit of {name}": value for name, value in limits.items()},
-    }
-    return {title: _shown(value) for title, value in values.items()}
-
-
-def _shown(value: object) -> str:
-    """Return a value as text; of a SHA-256, as much as a signature has."""
-    text = "none" if value in (None, "") else str(value)
-    return short_digest(text) if re.fullmatch("[0-9a-f]{64}", text) else text
 
 
 # The JSON Schemas of the files.
@@ -362,7 +345,7 @@ class RunFolder:
     def _check_identity(self, begun: Identity) -> None:
         # As it will be read: a tuple is a list then.
         mine = msgspec.json.decode(encode(self._identity), type=Identity)
-        differences = list(mine.differences(begun))
+        differences = changes(begun.by_title(), mine.by_title())
         if differences:
             raise RunError(
                 f"{self.path} has another run ({'; '.join(differences)}); go on as it was begun, "

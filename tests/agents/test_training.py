@@ -72,7 +72,7 @@ def test_an_interrupted_training_ends_in_the_same_bytes(
     for each in folder.iterdir():
         assert each.read_bytes() == (pointer / each.name).read_bytes()
     assert train(plan, folder) == card  # nothing is left to do
-    with pytest.raises(ReverieEvalError, match="another training, with other seed; choose"):
+    with pytest.raises(ReverieEvalError, match=r"another training \(seed: 0, now 1\); go on"):
         train(TrainingPlan("mattnet", files, seed=1), folder)
 
 
@@ -171,7 +171,9 @@ def test_a_navigator_does_not_change_its_pointer(
     other = tmp_path / "model.safetensors"
     content = (pointer / other.name).read_bytes()
     other.write_bytes(content.replace(rb'"seed\":0', rb'"seed\":7'))
-    with pytest.raises(ReverieEvalError, match="another training, with other pointer; choose"):
+    with pytest.raises(
+        ReverieEvalError, match=r"another training \(pointer: \w{12}, now \w{12}\); go on"
+    ):
         train(TrainingPlan("interactive", files, pointer=tmp_path), navigator)
 
 

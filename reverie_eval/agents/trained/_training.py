@@ -41,6 +41,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import made_folder, staged_file
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.processes import locked_folder
+from reverie_eval.text import changes
 from reverie_eval.version import __version__
 
 BATCH_SIZE = 64
@@ -265,16 +266,12 @@ class _Files:
         optimizer.load_state_dict(state)
         return begun
 
-    def _check_same(self, card: ModelCard, other: ModelCard) -> None:
-        same = msgspec.structs.replace(other, curve=[], best=0)
-        mine = msgspec.json.decode(msgspec.json.encode(card), type=ModelCard)
-        differences = [
-            name for name in mine.__struct_fields__ if getattr(mine, name) != getattr(same, name)
-        ]
+    def _check_same(self, card: ModelCard, begun: ModelCard) -> None:
+        differences = changes(_facts(begun), _facts(card))
         if differences:
             raise ReverieEvalError(
-                f"{self._folder} has a model of another training, with other "
-                f"{', '.join(differences)}; choose a new folder"
+                f"{self._folder} has another training ({'; '.join(differences)}); go on as it was "
+                "begun, or choose a new folder"
             )
 
     def keep(self, card: ModelCard, model: nn.Module, optimizer: torch.optim.Optimizer) -> None:
@@ -298,3 +295,15 @@ class _Files:
         save_model(self._folder / MODEL, load_file(self._folder / _BEST), card)
         (self._folder / _BEST).unlink()
         (self._folder / _LATEST).unlink()
+
+
+def _facts(card: ModelCard) -> Mapping[str, Any]:
+    """Return what has to be the same when a training goes on."""
+    plain = msgspec.to_builtins(card)
+    for is_learned_or_has_a_digest in ("curve", "best", "words", "remembered"):
+        plain.pop(is_learned_or_has_a_digest, None)
+    facts: dict[str, Any] = {}
+    for name, value in plain.items():
+        parts = value.items() if isinstance(value, dict) else [("", value)]
+        facts |= {f"{name} {part}".rstrip(): each for part, each in parts}
+    return facts

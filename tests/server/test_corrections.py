@@ -42,6 +42,7 @@ from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.restore import restore_backup, verify_backup
+from reverie_eval.server.platforms.export import export
 from reverie_eval.server.platforms.site import export_site
 from reverie_eval.server.scoring.boards import rules_of
 from reverie_eval.server.scoring.rules import append_rules, record_rules
@@ -933,6 +934,17 @@ def test_a_copy_of_the_pages_has_the_ground_truth_of_its_rows_if_a_correction_is
         board(server)["fingerprint"],
         board(server)["rows"],
     )
+
+
+@pytest.mark.usefixtures("correct_while_reading")
+def test_tables_have_the_ground_truth_of_their_rows_if_a_correction_is_made_meanwhile(
+    server: Serving, folder: Path, tmp_path: Path
+) -> None:
+    before = board(server)["fingerprint"]
+    leaderboards, *_ = export(folder, tmp_path / "tables")
+    (written,) = (row for row in leaderboards.rows if (row["split"], row["board"]) == (OPEN, ""))
+    assert written["fingerprint"] == board(server)["fingerprint"] != before
+    assert written["rows"] == board(server)["rows"]
 
 
 @pytest.mark.parametrize("when", ["before", "after"])

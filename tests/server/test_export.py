@@ -62,6 +62,16 @@ def test_columns_are_described_with_their_types_and_units(
     assert fields["reference"] == {"name": "reference", "type": "boolean"}
 
 
+def test_a_backup_has_the_same_tables(busy: Serving, folder: Path, run: Run) -> None:
+    archive, outs = folder.parent / "backup.tar.gz", [folder.parent / "a", folder.parent / "b"]
+    assert run("server", "backup", str(folder), "-o", str(archive)).status == 0
+    for source, out in zip((folder, archive), outs, strict=True):
+        outcome = run("server", "export", "tables", str(source), "-o", str(out))
+        assert outcome.status == 0, outcome.err
+    own, restored = ({path.name: path.read_bytes() for path in out.iterdir()} for out in outs)
+    assert own == restored
+
+
 def test_a_site_does_not_replace_the_tables(busy: Serving, folder: Path, run: Run) -> None:
     out = folder.parent / "out"
     run("server", "export", "tables", str(folder), "-o", str(out))

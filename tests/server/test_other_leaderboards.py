@@ -350,7 +350,7 @@ def test_exports_have_every_leaderboard(
     add_boards(folder, PRIVATE)
     server = open_server()
     publish(server, sent(server, submission_for(PRIVATE), split=PRIVATE))
-    tables = export(settings_of(folder), tmp_path / "t")
+    tables = export(folder, tmp_path / "t")
     rows = {table.name: table.rows for table in tables}
     names = ["", GROUNDING, STRICT]
     assert [each["board"] for each in rows["leaderboards"] if each["split"] == PRIVATE] == names

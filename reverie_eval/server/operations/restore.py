@@ -1,4 +1,4 @@
-"""Restoring a backup: after a loss, on another machine, or into another database.
+"""Restoring a backup: after a loss, on another machine, into another database, or for an export.
 
 The settings in an archive are another machine's, or anybody's. So what they name outside the folder
 is not used: a restore writes to its folder, or to the database and the store that the environment
@@ -16,9 +16,10 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from gzip import BadGzipFile
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 from sqlalchemy import make_url
@@ -26,7 +27,7 @@ from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.server.boards.leaderboard import Rankings
-from reverie_eval.server.opening import database_errors, opened_server
+from reverie_eval.server.opening import database_errors, open_server, opened_server
 from reverie_eval.server.operations.backup import (
     DATABASE,
     FORMAT,
@@ -34,14 +35,18 @@ from reverie_eval.server.operations.backup import (
     MANIFEST,
     UPLOADS,
     Manifest,
+    dump_with_bundles,
 )
 from reverie_eval.server.operations.folder import building, check_empty, make_private
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.dump import Row, RowsError, load
 from reverie_eval.server.store.uploads import open_uploads
 
 _CHUNK = 1 << 20
+_UNLIMITED = 1 << 31
+"""Requests per minute to a copy, to which nobody else has access."""
 _SQLITE = "sqlite:///"
 _OWN = {"database": f"{_SQLITE}server.db", "uploads": "uploads"}
 """Settings for a database and uploads in the folder."""
@@ -100,6 +105,60 @@ def unpacked(
         _keep_uploads(settings, extras / UPLOADS)
         with (extras / DATABASE).open(encoding="utf-8") as lines:
             yield settings, manifest, map(json.loads, lines)
+
+
+@contextmanager
+def copied_server(source: Path) -> Iterator[ServerState]:
+    """Open a copy of a server, from its folder or a backup, with its ground truth of that moment.
+
+    The rows are in a database of its own, and its clock stands still. The server may be running.
+
+    Raises
+    ------
+    BackupError, SettingsError, ReceiptError
+        If the source cannot be opened.
+    """
+    with (
+        TemporaryDirectory(prefix="reverie-eval-") as folder,
+        _opened(source, Path(folder)) as (original, made_at, revision, rows),
+    ):
+        limits = original.limits.model_copy(update={"requests_per_minute": _UNLIMITED})
+        own = {"database": f"sqlite:///{folder}/server.db", "limits": limits}
+        settings = original.model_copy(update=own)
+        with database_errors(), closing(Database(settings.database_url)) as database:
+            load(database, revision, rows)
+        moment = made_at.replace(microsecond=0)
+        state = open_server(settings, lambda: moment)
+        with closing(state.database):
+            yield state
+
+
+@contextmanager
+def _opened(source: Path, place: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
+    """Yield the settings, the time, the migration and the rows of a folder or a backup.
+
+    A correction may replace the ground truth in the folder meanwhile, so a copy of it is put into
+    ``place``.
+    """
+    if not source.is_dir():
+        with unpacked(source) as (settings, manifest, rows):
+            yield settings, manifest.made_at, manifest.revision, rows
+        return
+    settings = load_settings(source)
+    with TemporaryFile(dir=place) as lines:
+        dumped, bundles = dump_with_bundles(settings, lines)
+        for name, content in bundles.values():
+            file = place / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.touch(mode=0o600)
+            file.write_bytes(content)
+        splits = {
+            name: split.model_copy(update={"bundle": place / bundles[f"splits.{name}.bundle"][0]})
+            for name, split in settings.splits.items()
+        }
+        lines.seek(0)
+        copied = settings.model_copy(update={"splits": splits})
+        yield copied, dumped.made_at, dumped.revision, map(json.loads, lines)
 
 
 def restore_backup(archive: Path, folder: Path) -> RestoreReport:

@@ -16,8 +16,7 @@ from reverie_eval.reporting.service import METHOD_COSTS, METHOD_FLAGS
 from reverie_eval.server.boards.leaderboard import Rankings, as_json, columns_of, flat_rows
 from reverie_eval.server.boards.news import corrections_of
 from reverie_eval.server.csv_files import write_csv
-from reverie_eval.server.opening import opened_server
-from reverie_eval.server.settings import Settings
+from reverie_eval.server.operations.restore import copied_server
 from reverie_eval.server.state import ServerState
 
 DESCRIPTION = "datapackage.json"
@@ -34,25 +33,27 @@ class ExportedTable(NamedTuple):
     rows: Sequence[Row]
 
 
-def export(settings: Settings, folder: Path) -> Sequence[ExportedTable]:
+def export(source: Path, folder: Path) -> Sequence[ExportedTable]:
     """Write the tables of all leaderboards into a new or empty folder; return what was written.
+
+    The source is a server's folder, also while it is running, or a backup.
 
     Raises
     ------
-    SettingsError, ReceiptError
-        If the server cannot be opened.
+    BackupError, SettingsError, ReceiptError
+        If the source cannot be opened.
     ReverieEvalError
         If the folder is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ReverieEvalError(f"{folder} is not empty; choose a new or an empty folder")
-    with opened_server(settings) as state, staged_folder(folder, last=DESCRIPTION) as place:
+    with copied_server(source) as state, staged_folder(folder, last=DESCRIPTION) as place:
         tables = list(_tables(state))
         for table in tables:
             with (place / f"{table.name}.csv").open("w", encoding="utf-8", newline="") as file:
                 rows = ([row.get(name) for name in table.columns] for row in table.rows)
                 write_csv(file, table.columns, rows)
-        description = _description(settings.title, tables)
+        description = _description(state.settings.title, tables)
         text = json.dumps(description, indent=2, ensure_ascii=False)
         (place / DESCRIPTION).write_text(f"{text}\n", encoding="utf-8")
     return tables

@@ -9,14 +9,12 @@ pages of episodes, they have what other pages name, such as near misses, and tho
 import asyncio
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from http import HTTPStatus
 from os.path import relpath
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory, TemporaryFile
 from urllib.parse import urljoin, urlsplit
 
 import httpx
@@ -25,13 +23,8 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import replacing_folder
 from reverie_eval.server.app import create_app, jobs_of
 from reverie_eval.server.http.rendering import links_of, with_links
-from reverie_eval.server.opening import database_errors, open_server
-from reverie_eval.server.operations.backup import dump_with_bundles
-from reverie_eval.server.operations.restore import unpacked
-from reverie_eval.server.settings import Settings, load_settings
+from reverie_eval.server.operations.restore import copied_server
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.dump import Row, load
 from reverie_eval.version import __version__
 
 _SOFTWARE = "reverie-eval"
@@ -42,7 +35,6 @@ _OVERVIEW = re.compile(r"/episodes/[^/?]+(\?scan=[^&]+)?")
 """A split, and a building."""
 _EXAMPLE = "/submissions/ID"
 """Not a page: scripts replace the id."""
-_UNLIMITED = 1 << 31
 _PAGE = "text/html"
 _SUFFIXES = {_PAGE: ".html", "application/json": ".json", "text/plain": ".txt"}
 _COPY = "copy.json"
@@ -83,7 +75,7 @@ def export_site(source: Path, output: Path) -> SiteReport:
         If the source cannot be opened.
     """
     _check_replaceable(output)
-    with _copied(source) as state, replacing_folder(output) as folder:
+    with copied_server(source) as state, replacing_folder(output) as folder:
         visited = asyncio.run(_visit(state, folder))
         _link_files(visited, state.settings.path_prefix, folder)
         size = sum((folder / each.name).stat().st_size for each in visited.values())
@@ -114,52 +106,6 @@ def _is_copy(folder: Path) -> bool:
         return software.startswith(f"{_SOFTWARE} ")
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return False
-
-
-@contextmanager
-def _copied(source: Path) -> Iterator[ServerState]:
-    """Open a copy of a server that has the same rows in a database of its own."""
-    with (
-        TemporaryDirectory(prefix="reverie-eval-") as folder,
-        _opened(source, Path(folder)) as (original, made_at, revision, rows),
-    ):
-        limits = original.limits.model_copy(update={"requests_per_minute": _UNLIMITED})
-        own = {"database": f"sqlite:///{folder}/server.db", "limits": limits}
-        settings = original.model_copy(update=own)
-        with database_errors(), closing(Database(settings.database_url)) as database:
-            load(database, revision, rows)
-        moment = made_at.replace(microsecond=0)
-        state = open_server(settings, lambda: moment)
-        with closing(state.database):
-            yield state
-
-
-@contextmanager
-def _opened(source: Path, place: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
-    """Yield the settings, the time, the migration and the rows of a folder or a backup.
-
-    A correction may replace the ground truth in the folder meanwhile, so a copy of it is put into
-    ``place``.
-    """
-    if not source.is_dir():
-        with unpacked(source) as (settings, manifest, rows):
-            yield settings, manifest.made_at, manifest.revision, rows
-        return
-    settings = load_settings(source)
-    with TemporaryFile(dir=place) as lines:
-        dumped, bundles = dump_with_bundles(settings, lines)
-        for name, content in bundles.values():
-            file = place / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.touch(mode=0o600)
-            file.write_bytes(content)
-        splits = {
-            name: split.model_copy(update={"bundle": place / bundles[f"splits.{name}.bundle"][0]})
-            for name, split in settings.splits.items()
-        }
-        lines.seek(0)
-        copied = settings.model_copy(update={"splits": splits})
-        yield copied, dumped.made_at, dumped.revision, map(json.loads, lines)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,10 @@ from reverie_eval_cli.output import (
 
 _OWNER_ONLY = 0o600
 
+_source = click.argument(
+    "source", metavar="FOLDER|BACKUP", type=click.Path(exists=True, path_type=Path)
+)
+
 
 @click.command()
 @server_folder
@@ -122,25 +126,25 @@ def submissions(*, folder: Folder, split: str, output: Path) -> None:
 
 
 @export.command()
-@server_folder
+@_source
 @options.new_path("DIR", "A new or empty folder.")
-def tables(*, folder: Folder, output: Path) -> None:
+def tables(*, source: Path, output: Path) -> None:
     """Write what the leaderboards show as tables.
 
-    These are leaderboards, results, reviews and corrections, as CSV, with datapackage.json, which
-    describes their columns and units. Nothing is in them that the leaderboards do not show.
+    Of a server's folder, also while the server runs, or of a backup. The tables are leaderboards,
+    results, reviews and corrections, as CSV, with datapackage.json, which describes their columns
+    and units. Nothing is in them that the leaderboards do not show.
     """
     from reverie_eval.server.platforms.export import export as written
 
     counts = ", ".join(
-        f"{each.name} ({count_text(len(each.rows), 'row')})"
-        for each in written(folder.settings, output)
+        f"{each.name} ({count_text(len(each.rows), 'row')})" for each in written(source, output)
     )
     print(f"{output}: {counts}")
 
 
 @export.command()
-@click.argument("source", metavar="FOLDER|BACKUP", type=click.Path(exists=True, path_type=Path))
+@_source
 @options.new_path("FOLDER", "The folder to write; an earlier copy in it is replaced.")
 def site(*, source: Path, output: Path) -> int:
     """Write the public leaderboards as files.

@@ -352,13 +352,17 @@ class Sheets(NamedTuple):
         columns = _largest(corners, below)
         scale, stacks = columns.scale, columns.stacks
         high = {level: scale * float(np.ptp(each[:, 1])) for level, each in corners.items()}
-        height = below + 2 * _MARGIN
-        height += max(sum(high[level] + _GAP for level in each) - _GAP for each in stacks)
+        tall = [sum(high[level] + _GAP for level in each) - _GAP for each in stacks]
+        height = below + 2 * _MARGIN + max(tall)
         wide = [scale * (last - first) for first, last in columns.across]
         free, beside = (WIDTH - sum(wide)) / len(wide), _beside(stacks)
         origin, title_left, left = {}, {}, 0.0
-        for stack, its_wide, (first, _) in zip(stacks, wide, columns.across, strict=True):
-            foot = height - below - _MARGIN
+        for stack, its_tall, its_wide, (first, _) in zip(
+            stacks, tall, wide, columns.across, strict=True
+        ):
+            # The lowest level is at the foot of the page, and the highest at its top.
+            is_last = stack is stacks[-1]
+            foot = height - below - _MARGIN - (max(tall) - its_tall if is_last else 0)
             for level in reversed(stack):
                 down = foot - scale * float(corners[level][:, 1].max())
                 origin[level] = np.array([left + (free + beside) / 2 - scale * first, down])

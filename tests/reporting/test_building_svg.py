@@ -204,6 +204,8 @@ def test_levels_are_in_two_columns_if_they_are_larger_so(
     assert sheets.title_left[0] == min(sheets.title_left.values())
     bottom = max(its[1, 1] for its in placed.values())
     assert placed[0][1, 1] == pytest.approx(bottom)
+    top = min(its[0, 1] for its in placed.values())
+    assert placed[n_levels - 1][0, 1] == pytest.approx(top)
     assert all(
         placed[level][1, 1] < placed[level - 1][0, 1]
         for level in range(1, n_levels)
@@ -216,6 +218,7 @@ def test_a_level_is_where_it_leaves_space() -> None:
     high, low = np.array([(0.0, 0.0), (4.0, 20.0)]), np.array([(0.0, 0.0), (4.0, 8.0)])
     sheets = Sheets.of({2: low, 1: low, 0: high}, below=0.0)
     assert sheets.title_left[2] == sheets.title_left[1] != sheets.title_left[0]
+    assert sheets.origin[2][1] == pytest.approx(sheets.origin[0][1])
     assert sheets.scale == pytest.approx((560 - 2 * 14) / 20)
 
 

@@ -20,7 +20,7 @@ from reverie_eval.reporting.drawing import element, path, path_data
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_marks import draw_mark
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.walls import FLATTENED, HIGH, LOW, WallPiece, walls_of
+from reverie_eval.reporting.walls import FLATTENED, HIGH, LOW, WallPiece, off_the_walls, walls_of
 
 # Degrees: how the building may be turned on the page, and how far down the camera looks; how many
 # times as large it has to be for another turn than the first.
@@ -212,7 +212,8 @@ class Floors:
         for room in self._building.rooms_on(level):
             is_within |= room.contains(solids.centre[:, :2])
         is_shown &= is_within
-        return self._without_floating(solids.take(is_shown), level)
+        shown = self._without_floating(solids.take(is_shown), level)
+        return off_the_walls(shown, self._building, level)
 
     def _without_floating(self, solids: Solids, level: int) -> Solids:
         """Let some furniture that rests on nothing reach down to the floor; leave out the rest."""

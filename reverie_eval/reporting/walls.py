@@ -1,6 +1,7 @@
 """The walls of a level as boxes: with doors, windows, and what hangs on those behind the rooms."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
@@ -25,6 +26,8 @@ _BESIDE, _NARROW, _SILL, _TOP, _ROUNDED = 1.0, 0.35, 0.3, 1.2, 1e-6
 _OUT, _FRAME, _FLAT, _CLEAR = 0.04, 0.06, 0.2, 0.1
 # Metres: the widths of doors that have a leaf, and its thickness.
 _LEAVES, _LEAF = (0.5, 0.95), 0.06
+# Metres: what is made smaller to fit between two walls keeps this much.
+_THINNEST = 0.1
 # What is in walls and on them, the former before the latter, and what is within its frame.
 _WITHIN: Mapping[str, str] = MappingProxyType(
     {"window": "glass", "door": "wood", "picture": "white", "mirror": "silver", "screen": "dark"}
@@ -132,7 +135,7 @@ def walls_of(building: Building, level: int, axes: FloatArray, floor: float) -> 
     walls, doors = [*building.walls_on(level)], building.doors_on(level)
     found = _things_on(walls, building.solids, level, floor)
     for wall, things in zip(walls, found, strict=True):
-        half = (_OUTER if wall.is_outer else _INNER) / 2
+        half = _thickness(wall) / 2
         along = (wall.ends[1] - wall.ends[0]) / np.hypot(*(wall.ends[1] - wall.ends[0]))
         # Its room is on the left: nearer to the eye if it leads to the left on the page.
         is_beyond = along @ axes[0] < -_ROUNDED
@@ -153,6 +156,52 @@ def walls_of(building: Building, level: int, axes: FloatArray, floor: float) -> 
             yield from straight.pieces_of(thing)
         # Away from the eye, where less is hidden, but never outside.
         yield from straight.leaves(gaps, length, -1 if is_beyond and not wall.is_outer else 1)
+
+
+def off_the_walls(solids: Solids, building: Building, level: int) -> Solids:
+    """Move what is partly in a wall of a level to its own side of it; make it smaller if it must.
+
+    Boxes are seen to within decimetres, and the thickness of walls is assumed. What hangs on walls
+    stays.
+    """
+    found = [*_closed(building, level)]
+    ends = np.array([each for each, _ in found]).reshape(-1, 2, 2) @ solids.axes.T
+    thick = np.array([_thickness(wall) / 2 for _, wall in found])
+    is_along = np.abs(ends[:, 1] - ends[:, 0]).argmax(axis=1)
+    flat, half = solids.centre[:, :2] @ solids.axes.T, solids.half.copy()
+    stays = solids.supports == "wall"
+    for along in (0, 1):
+        across, its = 1 - along, is_along == along
+        begin, end = np.sort(ends[its, :, along], axis=1).T
+        off = flat[:, None, across] - ends[its, 0, across]
+        deep = half[:, None, across] + thick[its] - np.abs(off)
+        low, high = (flat[:, None, along] + side * half[:, None, along] for side in (-1, 1))
+        # At the end of a wall it is less deep in the other direction, where another wall is.
+        is_in = (deep > 0) & (np.minimum(high - begin, end - low) > deep)
+        face = ends[its, 0, across] + np.where(off > 0, 1, -1) * thick[its]
+        lowest = np.where(is_in & (off > 0), face, -np.inf).max(axis=1, initial=-np.inf)
+        highest = np.where(is_in & (off <= 0), face, np.inf).min(axis=1, initial=np.inf)
+        room = np.maximum(highest - lowest, _THINNEST)
+        half[:, across] = np.where(stays, half[:, across], np.minimum(half[:, across], room / 2))
+        moved = np.maximum(flat[:, across], lowest + half[:, across])
+        moved = np.minimum(moved, highest - half[:, across])
+        flat[:, across] = np.where(stays, flat[:, across], moved)
+    centre = np.column_stack([flat @ solids.axes, solids.centre[:, 2]])
+    return replace(solids, centre=centre, half=half)
+
+
+def _closed(building: Building, level: int) -> Iterator[tuple[FloatArray, Wall]]:
+    """Yield the ends, shape (2, 2), of all parts of walls between doors."""
+    doors = building.doors_on(level)
+    for wall in building.walls_on(level):
+        start, end = wall.ends
+        length = float(np.hypot(*(end - start)))
+        for span in _between(door_spans(doors, start, end), length):
+            yield start + np.outer(span, (end - start) / length), wall
+
+
+def _thickness(wall: Wall) -> float:
+    return _OUTER if wall.is_outer else _INNER
 
 
 def _things_on(
@@ -206,11 +255,17 @@ def wall_pieces(start: FloatArray, end: FloatArray, gaps: FloatArray) -> Iterato
     """Yield the ends of short pieces of a wall, without gaps: metres from its start, (n, 2)."""
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
+    for begin, stop in _between(gaps, length):
+        count = int(np.ceil((stop - begin) / _PIECE))
+        for low, high in pairwise(np.linspace(begin, stop, count + 1)):
+            yield np.stack([start + low * along, start + high * along])
+
+
+def _between(gaps: FloatArray, length: float) -> Iterator[tuple[float, float]]:
+    """Yield where the parts of a wall without gaps begin and end, metres from its start."""
     begin = 0.0
     for first, last in [*sorted(gaps.tolist()), (length, length)]:
         stop = min(first, length)
-        if stop - begin > 1e-6:
-            count = int(np.ceil((stop - begin) / _PIECE))
-            for low, high in pairwise(np.linspace(begin, stop, count + 1)):
-                yield np.stack([start + low * along, start + high * along])
+        if stop - begin > _ROUNDED:
+            yield begin, stop
         begin = max(begin, last)

@@ -22,7 +22,7 @@ from reverie_eval.reporting.floors_svg import Sheets
 from reverie_eval.reporting.map_layout import WIDTH, Mark, text_box
 from reverie_eval.reporting.map_svg import interactive_map_svg
 from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.walls import wall_pieces, walls_of
+from reverie_eval.reporting.walls import off_the_walls, wall_pieces, walls_of
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat_world import Run
 
@@ -102,6 +102,40 @@ def two_rooms(axes: np.ndarray, names: list[str]) -> Building:
         treads=[],
         solids=solids,
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "centre", "wide", "expected"),
+    [
+        pytest.param("desk", (1.0, 0.9), 1.0, (1.0, 0.9), id="beside a wall"),
+        pytest.param("desk", (2.0, 0.5), 1.0, (2.0, 0.65), id="in an outer wall"),
+        pytest.param("desk", (0.3, 0.2), 1.0, (0.65, 0.65), id="in a corner"),
+        pytest.param("desk", (3.8, 2.0), 1.0, (3.43, 2.0), id="in an inner wall"),
+        pytest.param("desk", (4.2, 2.0), 1.0, (4.57, 2.0), id="in it from the other side"),
+        pytest.param("desk", (6.0, 3.9), 0.8, (6.0, 3.9), id="in a door"),
+        pytest.param("picture", (0.1, 2.0), 1.0, (0.1, 2.0), id="on a wall"),
+        pytest.param("desk", (2.5, 2.0), 5.0, (2.04, 2.0), id="wider than its room"),
+    ],
+)
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_furniture_stands_beside_walls(
+    name: str,
+    centre: tuple[float, float],
+    wide: float,
+    expected: tuple[float, float],
+    turn: float,
+) -> None:
+    axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+    building = two_rooms(axes, [name] * 4)
+    solids = replace(
+        building.solids.take(np.array([0])),
+        centre=np.append(np.array(centre) @ axes, 1.0)[None],
+        half=np.array([(wide / 2, 0.5, 0.5)]),
+    )
+    moved = off_the_walls(solids, building, 0)
+    assert moved.centre[0, :2] @ axes.T == pytest.approx(expected)
+    assert moved.centre[0, 2] == 1.0
+    assert moved.half[0] == pytest.approx((min(wide, 3.78) / 2, 0.5, 0.5))
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5])

@@ -175,7 +175,7 @@ def unscored_notes(truth: GroundTruth, protocol: Protocol) -> Iterator[str]:
 
 OUTCOMES: Mapping[str, str] = MappingProxyType(
     {
-        "never reached": "never reached the goal",
+        "never reached": "did not get to the goal",
         "overshot": "reached the goal and moved on",
         "wrong object": "stopped at the goal, but predicted another object or none",
         "correct object at the wrong stop": "predicted the target, but stopped elsewhere",

@@ -173,7 +173,7 @@ def test_scores_with_their_intervals(single: str, home: rv.Scores) -> None:
 def test_the_finding(single: str) -> None:
     assert (
         "1 of 5 episodes (20.0\u00a0%) stopped at the goal and predicted the target. Most "
-        "common failure: 1 of the other 4 (25.0\u00a0%) never reached the goal."
+        "common failure: 1 of the other 4 (25.0\u00a0%) did not get to the goal."
     ) in single
 
 

@@ -4,6 +4,7 @@ import gc
 import lzma
 import os
 import signal
+import sys
 from collections.abc import Generator
 from pathlib import Path
 from typing import NoReturn
@@ -43,6 +44,7 @@ settings.load_profile("unhurried")
 
 REPOSITORY = Path(__file__).parents[1]
 SAMPLES = REPOSITORY / "fixtures" / "submissions"
+COMMAND = Path(sys.executable).with_name("reverie-eval")
 TEST_EVERYTHING = "REVERIE_TEST_EVERYTHING"
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from reverie_eval_cli.main import COMPLETION_VARIABLE
-from tests.conftest import SAMPLES, unavailable
+from tests.conftest import COMMAND, SAMPLES, unavailable
 from tests.support.flat_world import NOTE, SCORE, Outcome, Run, signature, words
 from tests.support.forking import Forked, Surroundings, command, run_command
-from tests.support.terminals import COMMAND, ESCAPES, on_terminal
+from tests.support.terminals import ESCAPES, on_terminal
 from tests.support.worlds import SPLIT
 
 BROKEN = SAMPLES / "broken.json"

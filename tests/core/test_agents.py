@@ -1,7 +1,6 @@
 """The reference agents: their trajectories on the graphs, their answers and their scores."""
 
 import json
-import sys
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -15,10 +14,8 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.runner import Record, run_agent
 from reverie_eval.submissions._fast import read_fast
 from tests.support.oracle import Item, Scan, Viewpoint, World
-from tests.support.serving import with_arrays
-from tests.support.worlds import ground_truth_of
+from tests.support.worlds import ground_truth_of, with_arrays
 
-COMMAND = Path(sys.executable).with_name("reverie-eval")
 BUNDLES = {
     "train": DEMO_BUNDLES / "train.npz",
     "val_seen": DEMO_BUNDLES / "val_seen.npz",

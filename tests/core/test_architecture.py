@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 from reverie_eval import evaluate
-from tests.conftest import REPOSITORY
+from tests.conftest import FOLDERS_THAT_SHARE, REPOSITORY, SHARED_FIXTURES
 
 PAGE = (REPOSITORY / "docs" / "explanation" / "architecture.md").read_text()
 NAMES = re.findall(r"`((?:\w+\.)+\w+)`", PAGE.partition("## The path")[2].partition("## A new")[0])
@@ -99,3 +99,13 @@ def test_only_what_doors_call_writes_into_the_audit_log() -> None:
         if writing.search(path.read_text("utf-8")):
             assert path.is_relative_to(SERVER)
             assert not DOOR.fullmatch(str(path.relative_to(SERVER)))
+
+
+def test_tests_that_need_no_server_import_none() -> None:
+    """Pytest imports shared fixtures itself, and has to be the first, whichever folders it runs."""
+    tests = REPOSITORY / "tests"
+    alone = {each.name for each in tests.iterdir()} - FOLDERS_THAT_SHARE - {"support"}
+    files = [file for folder in sorted(alone) for file in (tests / folder).glob("*.py")]
+    assert len(files) > 100  # an empty list would let everything pass
+    names = re.compile("|".join(map(re.escape, SHARED_FIXTURES)))
+    assert [str(file) for file in files if names.search(file.read_text())] == []

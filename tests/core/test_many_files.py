@@ -18,10 +18,9 @@ import reverie_eval as rv
 from reverie_eval.runner import run_agent
 from reverie_eval.scoring import Executor
 from reverie_eval.submissions import watch_files
-from tests.conftest import SAMPLES
+from tests.conftest import COMMAND, SAMPLES
 from tests.support.executors import EXECUTORS, Pickling
 from tests.support.flat_world import Run
-from tests.support.terminals import COMMAND
 
 SPLIT = "val_unseen"
 NAMES = ("mediocre", "good", "broken", "drawn")

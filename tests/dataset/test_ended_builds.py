@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.processes import COMMAND
+from tests.conftest import COMMAND
 from tests.support.waiting import wait_until
 
 

@@ -43,9 +43,9 @@ from tests.support.serving import (
     adjusted,
     settings_of,
     submission_for,
-    with_arrays,
 )
 from tests.support.visiting import Visitor, said, signed_in
+from tests.support.worlds import with_arrays
 
 MARKUP = "<script>alert(1)</script>"
 YES = {"confirmed": "yes"}

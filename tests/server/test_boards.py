@@ -14,16 +14,8 @@ from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.scoring.boards import Board, find_board, load_board, load_boards, tasks_of
 from reverie_eval.server.settings import BoardRules, SettingsError, Split
 from reverie_eval.version import __version__
-from tests.support.serving import (
-    GOOD,
-    GROUNDING,
-    OPEN,
-    OTHER_BOARDS,
-    PRIVATE,
-    STRICT,
-    settings_of,
-    with_arrays,
-)
+from tests.support.serving import GOOD, GROUNDING, OPEN, OTHER_BOARDS, PRIVATE, STRICT, settings_of
+from tests.support.worlds import with_arrays
 
 R2R = "r2r-val_unseen"
 

@@ -71,10 +71,10 @@ from tests.support.serving import (
     adjusted,
     settings_of,
     submission_for,
-    with_arrays,
 )
 from tests.support.signing import receipt_in
 from tests.support.waiting import PATIENCE
+from tests.support.worlds import with_arrays
 
 CORRECTED = "bundles/corrected.npz"
 

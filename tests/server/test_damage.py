@@ -22,9 +22,9 @@ from reverie_eval.server.operations import health
 from reverie_eval.server.store.damage import damage_in
 from reverie_eval.server.store.database import Database, UnreadableValueError
 from reverie_eval.server.store.tables import read_stored
-from tests.conftest import unavailable
+from tests.conftest import COMMAND, unavailable
 from tests.support.entries import report_result
-from tests.support.processes import COMMAND, Laptop
+from tests.support.processes import Laptop
 from tests.support.serving import (
     GOOD,
     NO_TLS,

@@ -20,9 +20,9 @@ import yaml
 from reverie_eval.server.opening import acting
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval_cli.commands.serve import serve
-from tests.conftest import REPOSITORY
+from tests.conftest import COMMAND, REPOSITORY
 from tests.support.ports import free_port
-from tests.support.processes import COMMAND, Laptop
+from tests.support.processes import Laptop
 from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, PEOPLE, Serving, populate
 from tests.support.waiting import PATIENCE, wait_until
 

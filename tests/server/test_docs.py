@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 import pytest
 
-from tests.conftest import REPOSITORY
-from tests.support.processes import COMMAND, Laptop
+from tests.conftest import COMMAND, REPOSITORY
+from tests.support.processes import Laptop
 from tests.support.sharing import shared_folder
 
 DOCS = REPOSITORY / "docs"

@@ -31,9 +31,8 @@ from tests.support.serving import (
     Serving,
     settings_of,
     submission_for,
-    with_arrays,
 )
-from tests.support.worlds import SPLIT
+from tests.support.worlds import SPLIT, with_arrays
 
 MEDIOCRE = (SAMPLES / "mediocre.json").read_bytes()
 DRAWN = (SAMPLES / "drawn.json").read_bytes()

@@ -40,10 +40,10 @@ from tests.support.serving import (
     running,
     settings_of,
     submission_for,
-    with_arrays,
 )
 from tests.support.signing import receipt_in
 from tests.support.visiting import signed_in
+from tests.support.worlds import with_arrays
 
 MEDIOCRE = (SAMPLES / "mediocre.json").read_bytes()
 

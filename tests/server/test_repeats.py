@@ -18,9 +18,9 @@ from tests.support.serving import (
     Serving,
     adjusted,
     settings_of,
-    with_arrays,
 )
 from tests.support.signing import receipt_in
+from tests.support.worlds import with_arrays
 
 
 def accepted(server: Serving, content: bytes, split: str = OPEN, **said: str) -> dict[str, Any]:

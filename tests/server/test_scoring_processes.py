@@ -48,9 +48,9 @@ from tests.support.serving import (
     running,
     settings_of,
     submission_for,
-    with_arrays,
 )
 from tests.support.waiting import PATIENCE, wait_until
+from tests.support.worlds import with_arrays
 
 MANY = 12
 ALLOWED = 2

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -18,13 +17,12 @@ import httpx
 import pytest
 
 from reverie_eval_cli.main import main
-from tests.conftest import unavailable
+from tests.conftest import COMMAND, unavailable
 from tests.support.flat_world import Outcome
 from tests.support.forking import Forked, Surroundings, command, run_command
 from tests.support.serving import NO_TLS
 from tests.support.waiting import PATIENCE, wait_until
 
-COMMAND = Path(sys.executable).with_name("reverie-eval")
 TOKEN = re.compile(r"rv_[\w-]{43}")
 
 Variables = Mapping[str, str]

@@ -38,7 +38,6 @@ from starlette.types import ASGIApp
 
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
-from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.runner import Record, run_agent
 from reverie_eval.server import scoring
@@ -72,6 +71,7 @@ from tests.conftest import SAMPLES, unavailable
 from tests.support.acting import NOON, add_person, add_team, create_token
 from tests.support.forking import Forked, Surroundings, start_forkserver
 from tests.support.waiting import PATIENCE, wait_until
+from tests.support.worlds import with_arrays
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Role
@@ -276,14 +276,6 @@ def broken_private() -> bytes:
     del sixth["predObjId"]
     sixth["predBox"], sixth["predView"] = [0, 0, 9, -9], 36
     return json.dumps([*records[:-1], records[7]]).encode()
-
-
-def with_arrays(bundle: Bundle, **arrays: Array) -> Bundle:
-    """Return a bundle with other arrays in place of some of its own."""
-    header, texts = bundle.header, bundle.texts
-    changed = {**bundle.arrays, **arrays}
-    origin = header.split, header.dataset, header.sources
-    return Bundle.build(*origin, changed, bundle.other_splits, texts=texts)
 
 
 def replace_answers(folder: Path, split: str) -> None:

@@ -4,7 +4,6 @@ import io
 import os
 import pty
 import re
-import sys
 import termios
 from collections.abc import Mapping
 from multiprocessing.connection import Connection
@@ -12,7 +11,6 @@ from pathlib import Path
 
 from tests.support.forking import Forked, Surroundings, command
 
-COMMAND = Path(sys.executable).with_name("reverie-eval")
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from reverie_eval import GroundTruth, Scores
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle, pack_texts
-from tests.support.serving import with_arrays
 from tests.support.signing import payloads_in
+from tests.support.worlds import with_arrays
 
 FIRST_OBJECT = 1_999_000_019
 BOX = (601, 433, 37, 29)

@@ -208,6 +208,14 @@ def _poses(prediction: Prediction) -> list[tuple[str, float, float]]:
     return [*((viewpoint_id, 0.0, 0.0) for viewpoint_id in way), (stop, *camera)]
 
 
+def with_arrays(bundle: Bundle, **arrays: Array) -> Bundle:
+    """Return a bundle with other arrays in place of some of its own."""
+    header, texts = bundle.header, bundle.texts
+    changed = {**bundle.arrays, **arrays}
+    origin = header.split, header.dataset, header.sources
+    return Bundle.build(*origin, changed, bundle.other_splits, texts=texts)
+
+
 def ground_truth_of(world: World) -> GroundTruth:
     """Write a world's files, compile them and take the bundle for ground truth."""
     with TemporaryDirectory() as folder:

@@ -31,7 +31,8 @@ from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from reverie_eval.server.state import ServerState
 from tests.support.processes import TOKEN, Laptop
-from tests.support.serving import OPEN, PRIVATE, InProcess, add_boards, with_arrays
+from tests.support.serving import OPEN, PRIVATE, InProcess, add_boards
+from tests.support.worlds import with_arrays
 
 TASKS = ("reverie", "r2r")
 OTHER_TASK = "r2r-val_unseen"

@@ -32,9 +32,10 @@ from reverie_eval.server.run import configuration, listen, url_of
 from reverie_eval.server.settings import load_settings
 from tests.support.plain_sql import Stored, stored
 from tests.support.processes import TOKEN, Laptop
-from tests.support.serving import NO_TLS, PRIVATE, broken_private, submission_for, with_arrays
+from tests.support.serving import NO_TLS, PRIVATE, broken_private, submission_for
 from tests.support.signing import payload_in
 from tests.support.waiting import PATIENCE, wait_until
+from tests.support.worlds import with_arrays
 
 TEAMS = [f"Team {number:02}" for number in range(1, 31)]
 QUOTA = {"day": (1, 2), "month": (30, 10), "year": (365, 40)}

@@ -470,7 +470,7 @@ def test_little_space_is_a_fault(kept: Path, run: Run, monkeypatch: pytest.Monke
 def test_a_clock_that_was_set_back_is_noted(
     kept: Path, run: Run, back: timedelta, *, is_told: bool
 ) -> None:
-    with sqlite3.connect(kept / "server.db") as database:
+    with closing(sqlite3.connect(kept / "server.db")) as database:
         ((latest,),) = database.execute("SELECT max(at) FROM audit")
     with time_machine.travel(datetime.fromisoformat(f"{latest}+00:00") - back, tick=False):
         outcome = run("server", "doctor", str(kept))

@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.agents import AGENTS, DEMO_AGENT
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
-from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED, Metric
 from reverie_eval.runner import run_agent
@@ -138,9 +138,8 @@ class Annotations:
     """The scores of an agent that stays at the start and predicts nothing."""
     scan: Sequence[str]
     category: Sequence[str]
-    """Empty if the ground truth has no categories, or the task has no targets."""
+    """Empty if the task has no target objects."""
     instruction: Sequence[str]
-    """Empty if the ground truth has no instructions."""
 
     @classmethod
     def of(cls, board: Board) -> "Annotations":
@@ -150,16 +149,15 @@ class Annotations:
         return cls(
             scores=scores,
             scan=find_grouping("scan").groups(scores),
-            category=_if_known(lambda: find_grouping("category").groups(scores)),
-            instruction=_if_known(lambda: truth.episodes.instructions),
+            category=_categories(scores),
+            instruction=truth.episodes.instructions,
         )
 
     @cached_property
     def searched(self) -> Sequence[str]:
         """Id and instruction of each episode, as searchable text."""
-        ids = self.scores.instr_ids
-        instructions = self.instruction or [""] * len(ids)
-        return [f"{id_} {text}".casefold() for id_, text in zip(ids, instructions, strict=True)]
+        texts = zip(self.scores.instr_ids, self.instruction, strict=True)
+        return [f"{id_} {text}".casefold() for id_, text in texts]
 
 
 @dataclass(frozen=True)
@@ -398,9 +396,9 @@ class EpisodeService:
 
 
 def instructions_of(board: Board) -> Mapping[str, str]:
-    """Return the instructions of a split by episode; none if the ground truth has none."""
+    """Return the instructions of a split by episode."""
     episodes = board.truth.episodes
-    return dict(zip(episodes.instr_ids, _if_known(lambda: episodes.instructions), strict=False))
+    return dict(zip(episodes.instr_ids, episodes.instructions, strict=True))
 
 
 def _name_of_method(row: Submission) -> str:
@@ -476,8 +474,9 @@ def align_walks(
     )
 
 
-def _if_known(texts: Callable[[], Sequence[str]]) -> Sequence[str]:
+def _categories(scores: Scores) -> Sequence[str]:
+    """Return the category of each episode's target; none if the task has no target objects."""
     try:
-        return texts()
-    except (GroundTruthError, ProtocolError):
+        return find_grouping("category").groups(scores)
+    except ProtocolError:
         return ()

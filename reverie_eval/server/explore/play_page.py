@@ -258,7 +258,7 @@ def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
     with visitor.reading() as reading:
         browsing = visitor.server.get(EpisodeService).browse(reading, reading.caller, split, [])
         ids = sample(browsing.board, played.seed, played.n)
-        instructions = browsing.annotations.instruction or [""] * len(browsing.annotations.scan)
+        instructions = browsing.annotations.instruction
         return page(
             reading,
             "play-sample.html",
